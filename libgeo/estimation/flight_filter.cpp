@@ -115,36 +115,31 @@ void forget_course(FlightPrediction& prediction, const F::State& before, double 
   const double tau_s = std::max(half_circle_s, free_s / kLeastKnownBridge);
   const double known_s = tau_s * std::tanh(free_s / (2 * tau_s));
   const double lost_s = 0.5 * free_s - known_s, c = 0.5 * dt - lost_s;
+  // Adds to the position what the velocity at the end makes in so many seconds.
+  const auto move_s = [&x = prediction.now, &f = prediction.transition, &q = prediction.noise](double seconds) {
+    x.segment<2>(F::east) += seconds * x.segment<2>(F::velocity_east);
+    f.middleRows<2>(F::east) += seconds * f.middleRows<2>(F::velocity_east);
+    q.middleRows<2>(F::east) += seconds * q.middleRows<2>(F::velocity_east);
+    q.middleCols<2>(F::east) += seconds * q.middleCols<2>(F::velocity_east);
+  };
 
-  now.segment<2>(F::east) -= lost_s * (before + now).segment<2>(F::velocity_east);
-  transition.middleRows<2>(F::east) -= lost_s * transition.middleRows<2>(F::velocity_east);
-  transition.block<2, 2>(F::east, F::velocity_east) -= lost_s * Eigen::Matrix2d::Identity();
-  noise.middleRows<2>(F::east) -= lost_s * noise.middleRows<2>(F::velocity_east);
-  noise.middleCols<2>(F::east) -= lost_s * noise.middleCols<2>(F::velocity_east);
-  const double gap_m2 = mean_square_speed * tau_s * (free_s - 2 * known_s);
   const Eigen::Vector2d both_mps = (before + now).segment<2>(F::velocity_east);
-  noise.topLeftCorner<2, 2>() +=
-      gap_m2 * Eigen::Matrix2d::Identity() + lost_s * lost_s / 3 * both_mps * both_mps.transpose();
+  now.segment<2>(F::east) -= lost_s * before.segment<2>(F::velocity_east);
+  transition.block<2, 2>(F::east, F::velocity_east) -= lost_s * Eigen::Matrix2d::Identity();
+  move_s(-lost_s);
+  noise.topLeftCorner<2, 2>() += mean_square_speed * tau_s * (free_s - 2 * known_s) * Eigen::Matrix2d::Identity() +
+                                 lost_s * lost_s / 3 * both_mps * both_mps.transpose();
   if (turn_known) return;
 
-  // Nobody measured the course at the end either.
+  // Nobody measured the course at both ends either: the velocity at this one is forgotten, and moves the position anew.
   const GaussMarkov velocity = gauss_markov(0.5 * mean_square_speed, std::exp(-free_s / tau_s));
-  const double gone = 1 - velocity.keep;
-  now.segment<2>(F::east) -= c * gone * now.segment<2>(F::velocity_east);
+  move_s(-c);
   now.segment<2>(F::velocity_east) *= velocity.keep;
-  transition.middleRows<2>(F::east) -= c * gone * transition.middleRows<2>(F::velocity_east);
   transition.middleRows<2>(F::velocity_east) *= velocity.keep;
-  noise.middleRows<2>(F::east) -= c * gone * noise.middleRows<2>(F::velocity_east);
-  noise.middleCols<2>(F::east) -= c * gone * noise.middleCols<2>(F::velocity_east);
   noise.middleRows<2>(F::velocity_east) *= velocity.keep;
   noise.middleCols<2>(F::velocity_east) *= velocity.keep;
-  for (int axis = 0; axis < 2; ++axis) {
-    const int p = F::east + axis, v = F::velocity_east + axis;
-    noise(p, p) += c * c * velocity.variance;
-    noise(p, v) += c * velocity.variance;
-    noise(v, p) += c * velocity.variance;
-    noise(v, v) += velocity.variance;
-  }
+  noise.block<2, 2>(F::velocity_east, F::velocity_east) += velocity.variance * Eigen::Matrix2d::Identity();
+  move_s(c);
 }
 
 // The velocity turns with the aircraft, except for the wind; the position moves by the mean of both velocities.
