@@ -104,8 +104,7 @@ double mean_square_speed_m2ps2(const F::State& mean, const F::Covariance& covari
          4 * options.wind_sigma_mps * options.wind_sigma_mps;
 }
 
-// After propagate_by_velocity(): p' = p + dt (v + v') / 2 becomes the bridge of the header, p' = p + c (v + v') +
-// w_gap.
+// After propagate_by_velocity(), whose p' = p + dt (v + v') / 2 becomes the header's p' = p + c (v + v') + w_gap.
 void forget_course(FlightPrediction& prediction, const F::State& before, double dt, bool turn_known,
                    double mean_square_speed) {
   auto& [now, transition, noise] = prediction;

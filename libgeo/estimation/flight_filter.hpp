@@ -46,9 +46,9 @@
 //   τ    = max(π V / (g tan φ), u / x*)        x* = argmax (x - 2 tanh(x/2)) / x² = 3.21
 //
 // How long an aircraft keeps a course is unknown: not shorter than half a circle takes at its steepest bank φ, else τ
-// is what leaves the position least known. σ of w_gap across is V u √(u / 12τ) in a short gap, 0.36 V u in a long one. As
-// u → 0 this is the process model above. (Uhlenbeck and Ornstein 1930; the bridge follows by conditioning on both
-// ends.)
+// is what leaves the position least known. σ of w_gap across is V u √(u / 12τ) in a short gap and 0.36 V u in a long
+// one. As u → 0 this is the process model above. (Uhlenbeck and Ornstein 1930; the bridge follows by conditioning on
+// both ends.)
 //
 // Measurements, both of the image alone, without any prior, so that nothing is counted twice:
 //
@@ -108,8 +108,8 @@ class FlightFilter {
   FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, PlanePoint position, double sigma_m)
       : FlightFilter(uncertainty, tilt_logged, position, sigma_m, Options{}) {}
 
-  // Over an interval at whose end there is no frame; interval.seconds > 0. One that measured nothing counts to the
-  // next.
+  // Over an interval at whose end there is no frame; interval.seconds > 0. If it measured nothing, the next one begins
+  // where it began.
   void propagate(const TelemetryInterval& interval);
   // To a new frame, so many seconds after the last one or after what was propagated. When the clock stands still or
   // runs backwards, the time is unknown: about the usual interval, or none. tilt_measured: the telemetry has pitch and
