@@ -4,6 +4,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "geodesy/angles.hpp"
 #include "vision/localizer_parameters.hpp"
@@ -92,6 +93,52 @@ double white_sigma_mps(const InertialNoise& imu, double dt) {
 double turn_spread_rad2(double turned, double turn) {
   const double before = std::min(std::abs(turned), kPi), now = std::min(std::abs(turned + turn), kPi);
   return std::max(turn * turn, now * now - before * before);
+}
+
+// Mean square of the speed over ground on whatever course: a wind of this spread adds to one course what it takes from
+// the other. A velocity that is unknown is no faster than at the start.
+double mean_square_speed_m2ps2(const F::State& mean, const F::Covariance& covariance, const F::Options& options) {
+  const double start = options.start_velocity_sigma_mps * options.start_velocity_sigma_mps;
+  return mean.segment<2>(F::velocity_east).squaredNorm() +
+         std::min(covariance.block<2, 2>(F::velocity_east, F::velocity_east).trace(), 2 * start) +
+         4 * options.wind_sigma_mps * options.wind_sigma_mps;
+}
+
+// After propagate_by_velocity(), whose p' = p + dt (v + v') / 2 becomes the header's p' = p + c (v + v') + w_gap.
+void forget_course(FlightPrediction& prediction, const F::State& before, double dt, bool turn_known,
+                   double mean_square_speed) {
+  auto& [now, transition, noise] = prediction;
+  const double free_s = dt - kCourseHeld_s;
+  if (free_s <= 0) return;
+  const double half_circle_s = kPi * std::sqrt(mean_square_speed) / (kGravity_mps2 * std::tan(kMaxBank_rad));
+  const double tau_s = std::max(half_circle_s, free_s / kLeastKnownBridge);
+  const double known_s = tau_s * std::tanh(free_s / (2 * tau_s));
+  const double lost_s = 0.5 * free_s - known_s, c = 0.5 * dt - lost_s;
+  // Adds to the position what the velocity at the end makes in so many seconds.
+  const auto move_s = [&x = prediction.now, &f = prediction.transition, &q = prediction.noise](double seconds) {
+    x.segment<2>(F::east) += seconds * x.segment<2>(F::velocity_east);
+    f.middleRows<2>(F::east) += seconds * f.middleRows<2>(F::velocity_east);
+    q.middleRows<2>(F::east) += seconds * q.middleRows<2>(F::velocity_east);
+    q.middleCols<2>(F::east) += seconds * q.middleCols<2>(F::velocity_east);
+  };
+
+  const Eigen::Vector2d both_mps = (before + now).segment<2>(F::velocity_east);
+  now.segment<2>(F::east) -= lost_s * before.segment<2>(F::velocity_east);
+  transition.block<2, 2>(F::east, F::velocity_east) -= lost_s * Eigen::Matrix2d::Identity();
+  move_s(-lost_s);
+  noise.topLeftCorner<2, 2>() += mean_square_speed * tau_s * (free_s - 2 * known_s) * Eigen::Matrix2d::Identity() +
+                                 lost_s * lost_s / 3 * both_mps * both_mps.transpose();
+  if (turn_known) return;
+
+  // Nobody measured the course at both ends either: the velocity at this one is forgotten, and moves the position anew.
+  const GaussMarkov velocity = gauss_markov(0.5 * mean_square_speed, std::exp(-free_s / tau_s));
+  move_s(-c);
+  now.segment<2>(F::velocity_east) *= velocity.keep;
+  transition.middleRows<2>(F::velocity_east) *= velocity.keep;
+  noise.middleRows<2>(F::velocity_east) *= velocity.keep;
+  noise.middleCols<2>(F::velocity_east) *= velocity.keep;
+  noise.block<2, 2>(F::velocity_east, F::velocity_east) += velocity.variance * Eigen::Matrix2d::Identity();
+  move_s(c);
 }
 
 // The velocity turns with the aircraft, except for the wind; the position moves by the mean of both velocities.
@@ -189,13 +236,30 @@ double FlightFilter::white_tilt_sigma_rad() const {
 
 void FlightFilter::propagate(const TelemetryInterval& interval) {
   if (first_) return;  // there is nothing yet to propagate
-  propagate_joint(interval, true);
+  if (!interval.heading_rad && !interval.imu_dv_mps) {
+    silent_s_ += interval.seconds;
+    return;
+  }
+  propagate_joint(with_silence(interval), true);
   within_interval_ = true;
+}
+
+// The way through intervals that measured nothing is one with that to the next measurement, and no shorter gap. What an
+// accelerometer measured is of its own interval alone.
+TelemetryInterval FlightFilter::with_silence(TelemetryInterval interval) {
+  const double silent_s = std::exchange(silent_s_, 0);
+  if (silent_s > 0 && interval.imu_dv_mps) {
+    propagate_joint({silent_s, std::nullopt, std::nullopt}, true);
+    within_interval_ = true;
+  } else {
+    interval.seconds += silent_s;
+  }
+  return interval;
 }
 
 void FlightFilter::predict(double seconds, std::optional<double> measured_heading_rad, bool tilt_measured,
                            const std::optional<Eigen::Vector2d>& imu_dv_mps) {
-  propagate_joint({seconds, measured_heading_rad, imu_dv_mps}, tilt_measured);
+  propagate_joint(with_silence({seconds, measured_heading_rad, imu_dv_mps}), tilt_measured);
   within_interval_ = false;
 }
 
@@ -263,6 +327,7 @@ FlightPrediction FlightFilter::process_model(const TelemetryInterval& interval) 
     propagate_by_imu(prediction, mean_, dt, turn_known, *imu_dv_mps, {uncertainty_.imu_dv_mps, leak_mps2, blind_s_});
   } else {
     propagate_by_velocity(prediction, mean_, dt, turn_known, blind_turn_rad_, options_);
+    forget_course(prediction, mean_, dt, turn_known, mean_square_speed_m2ps2(mean_, covariance_, options_));
   }
   if (turn_known) blind_turn_rad_ += wrap_pi(now[heading] - mean_[heading]);
   blind_s_ += dt;

@@ -33,6 +33,23 @@
 // σ_wind² (Δψ)², summed coherently over a blind turn. With an accelerometer's change of velocity u, in axes rotated by
 // the measured heading, v' = v + R(b_ψ + d) u + w, and w also holds gravity that leaks in through an attitude error.
 //
+// A gap is a Δt beyond T (kCourseHeld_s) of which only the ends are measured, without an accelerometer. In the rest of
+// it, u = Δt - T, the aircraft may have turned there and back. Its velocity is an Ornstein-Uhlenbeck process of the
+// correlation time τ and the variance V²/2 on each axis (speed V on any course), and its integral between two known
+// ends a bridge:
+//
+//   p'   = p + c (v + v') + w_gap              c = T/2 + τ tanh(u / 2τ)
+//   var(w_gap) = V² τ² (u/τ - 2 tanh(u / 2τ))  on each axis, independent of both velocities: none shrinks it;
+//        + (u/2 - τ tanh(u / 2τ))² / 3 (v + v') (v + v')ᵀ  as c is somewhere up to the straight way's Δt / 2
+//   v'   = e^(-u/τ) v + w                      without a heading at both ends
+//   V²   = |v|² + tr P_v + 4 σ_wind²           over ground, on other courses
+//   τ    = max(π V / (g tan φ), u / x*)        x* = argmax (x - 2 tanh(x/2)) / x² = 3.21
+//
+// How long an aircraft keeps a course is unknown: not shorter than half a circle takes at its steepest bank φ, else τ
+// is what leaves the position least known. σ of w_gap across is V u √(u / 12τ) in a short gap and 0.36 V u in a long
+// one. As u → 0 this is the process model above. (Uhlenbeck and Ornstein 1930; the bridge follows by conditioning on
+// both ends.)
+//
 // Measurements, both of the image alone, without any prior, so that nothing is counted twice:
 //
 //   update_absolute   z = (p, λ, ψ, τ) + r                      an accepted match with the map
@@ -91,7 +108,8 @@ class FlightFilter {
   FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, PlanePoint position, double sigma_m)
       : FlightFilter(uncertainty, tilt_logged, position, sigma_m, Options{}) {}
 
-  // Over an interval at whose end there is no frame; interval.seconds > 0.
+  // Over an interval at whose end there is no frame; interval.seconds > 0. If it measured nothing, the next one begins
+  // where it began.
   void propagate(const TelemetryInterval& interval);
   // To a new frame, so many seconds after the last one or after what was propagated. When the clock stands still or
   // runs backwards, the time is unknown: about the usual interval, or none. tilt_measured: the telemetry has pitch and
@@ -138,6 +156,7 @@ class FlightFilter {
   using JointCovariance = Eigen::Matrix<double, kJoint, kJoint>;
 
   struct Link;
+  TelemetryInterval with_silence(TelemetryInterval interval);
   void propagate_joint(const TelemetryInterval& interval, bool tilt_measured);
   FlightPrediction process_model(const TelemetryInterval& interval);
   void process_model_heading(FlightPrediction& prediction, const std::optional<double>& measured_heading_rad,
@@ -160,6 +179,7 @@ class FlightFilter {
   std::optional<double> last_measured_heading_rad_;
   bool first_ = true;
   bool within_interval_ = false;  // propagated since the last frame
+  double silent_s_ = 0;           // of intervals that measured nothing, not propagated yet
   double blind_turn_rad_ = 0;     // turned since the velocity was last measured …
   double blind_s_ = 0;            // … and flown
   bool tilt_missing_ = false;

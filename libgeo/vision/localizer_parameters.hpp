@@ -327,6 +327,11 @@ inline constexpr double kLongestUsualInterval_s = 5;  // of the interval that st
 // Share of an interval's change of velocity times the interval: when within it the change came is unknown. Physics
 // bounds it by 0.5; chosen with [flights] IMU.
 inline constexpr double kUnknownMomentShare = 0.08;
+// Gaps. No turn there and back fits into less: rolling in and out twice takes that long (45° at 90°/s each); physics.
+inline constexpr double kCourseHeld_s = 2;
+inline constexpr double kMaxBank_rad = std::numbers::pi / 4;  // 45°: ArduPlane's default ROLL_LIMIT_DEG
+// Gap over correlation time that leaves the position least known; mathematics: argmax (x - 2 tanh(x/2)) / x².
+inline constexpr double kLeastKnownBridge = 3.212;
 
 }  // namespace flight_filter
 
