@@ -16,7 +16,7 @@
 
 namespace nadir {
 
-// Why an anchor was accepted or not: the first gate that rejected it (anchor_acceptance.hpp). The names are stable.
+// Why an anchor was accepted or not: the first gate that rejected it (map_look.hpp). The names are stable.
 enum class AnchorVerdict {
   not_tried,  // not triggered for this frame
   accepted,
@@ -39,6 +39,8 @@ struct AnchorReport {
   int patches = 0;         // patches tried
   double residual_px = 0;  // RMS of the inliers, in pixels of the matching GSD
   double matching_gsd_m = 0;
+  double log_likelihood_ratio = 0;   // true place over chance peak, nats (look_likelihood.hpp)
+  double place_doubt = 1;            // weight of all hypotheses that are not at the match (belief.hpp)
   double chi2 = 0;                   // squared Mahalanobis distance to the prediction, 2 degrees of freedom
   bool corroborated = false;         // a sharp prediction agrees: propagated from an anchor, and within its 95 %
   std::optional<PlanePoint> camera;  // matched camera position in the map's plane (of rejected ones too)
@@ -60,6 +62,9 @@ struct Estimate {
   std::optional<LonLat> position;  // nothing with no_fix
   double sigma_m = 0;              // 1-σ error per axis of the equivalent circle, map error included
   Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();  // east, north
+  // Protection level: outside this radius the aircraft is with the integrity risk at most (belief.hpp). Nothing: no
+  // radius is known to hold it.
+  std::optional<double> hpl_m;
   SourceLabel source = SourceLabel::no_fix;
   int segment = 0;  // grows each time tracking is lost
   std::optional<double> anchor_age_s;

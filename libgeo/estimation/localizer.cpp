@@ -6,6 +6,7 @@
 
 #include "base/error.hpp"
 #include "estimation/flight_smoother.hpp"
+#include "estimation/look_likelihood.hpp"
 #include "estimation/search_window.hpp"
 #include "estimation/terrain_surface.hpp"
 #include "estimation/tracking_state.hpp"
@@ -13,11 +14,13 @@
 #include "geodesy/web_mercator.hpp"
 #include "package/open_package.hpp"
 #include "vision/camera_frame.hpp"
+#include "vision/matching_plan.hpp"
 
 namespace nadir {
 namespace {
 
 using namespace parameters::anchor_measurement;
+using namespace parameters::belief;
 using namespace parameters::localizer;
 using namespace parameters::search_window;
 
@@ -43,7 +46,6 @@ struct PublishedTrack {
   // Corrections of the past that odometry has made since the last anchor. They are withheld: a track that odometry
   // propagates jumps only at anchors, and refined() applies them.
   Eigen::Vector2d withheld_m = Eigen::Vector2d::Zero();
-  Eigen::Vector2d contradiction_m = Eigen::Vector2d::Zero();  // AnchorDecision::contradiction_m, until an anchor
   double map_sigma_m = 0;  // of the map that the track is anchored to: of the tiles of the last anchor
   std::vector<Estimate> estimates;
 };
@@ -51,6 +53,7 @@ struct PublishedTrack {
 struct MatchState {
   bool job_out = false;  // a frame is being matched with the map
   bool last_failed = false;
+  std::optional<TrackPrediction> last_track;  // at the last look
 };
 
 // Where a lost aircraft is searched: chosen with the frame, searched by its job.
@@ -64,6 +67,12 @@ cv::Mat grey_of(const cv::Mat& image) {
   cv::Mat grey = image;
   if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
   return grey;
+}
+
+// In which the flight can be at all.
+double area_m2(const LocalizerConfig& config) {
+  const double reach_m = config.max_search_radius_m;
+  return config.area.value_or(PlaneBox{-reach_m, -reach_m, reach_m, reach_m}).area_m2();
 }
 
 CameraPose pose_of(const FlightFilter::State& x, const TelemetryReference& reference) {
@@ -134,7 +143,7 @@ struct Localizer::Impl {
         odometry(config.odometry()),
         placed(known_start.has_value()),
         tracking(known_start.has_value()),
-        acceptance(config.gates, config.resumed),
+        belief(known_start ? kStartDoubt : 1, area_m2(config)),
         window(config.min_search_radius_m, config.max_search_radius_m, config.area) {}
 
   // The steps of a frame, in order.
@@ -157,7 +166,8 @@ struct Localizer::Impl {
   FramePose anchor_pose(const AnchorJob& job) const;  // with the filter at the job's frame
 
   double map_sigma_of(const AnchorMatch& match) const;
-  void widen_for_another_map(AnchorContext& context, const AnchorMatch& match) const;
+  void widen_for_another_map(LookContext& context, const AnchorMatch& match) const;
+  double new_ground() const;
 
   double footprint_m() const { return footprint_side_m(camera, telemetry.reference.agl_m); }
   bool lost() const { return window.lost(placed, filter->position_sigma_m()); }
@@ -186,7 +196,7 @@ struct Localizer::Impl {
   TrackingState tracking;
   CourseAmbiguity course;
   std::optional<LastAnchor> last_anchor;
-  AnchorAcceptance acceptance;
+  PlaceBelief belief;
   SearchWindow window;
   std::optional<OperatorHint> operator_hint;
   MatchState matching;
@@ -218,6 +228,7 @@ Localizer::TrackedFrame Localizer::track(const cv::Mat& image, const Telemetry& 
   s.telemetry.tilt_logged = s.telemetry.tilt_logged || measured.pitch_rad.has_value();  // NaN too: other frames have it
 
   const double seconds = s.predict(plausible_telemetry(measured, s.telemetry.last_time_s.value_or(0)));
+  s.belief.propagate(seconds);
   // Two images hardly determine a motion when one may be tilted by 20 degrees.
   FrameLink link{.first = s.steps.size() == 1, .comparable = usable && !s.filter->tilt_missing()};
   link.expected_overlap = s.tracking.expects_overlap(*s.filter, seconds, s.footprint_m());
@@ -245,13 +256,26 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
   FrameReport report;
   if (job->match) {
     s.widen_for_another_map(job->context, *job->match);
-    AnchorDecision decision =
-        s.acceptance.decide(*job->match, job->context, s.last_anchor.has_value(), job->segment == s.tracking.segment());
-    report.anchor = std::move(decision.report);
+    const Look look = look_of(*job->match, job->context);
+    LookResult result;
+    if (job->match->on_map) result = s.belief.update(look, job->context.track);
+    report.anchor = anchor_report(*job->match, job->context, look, result);
     s.window.record_attempt(report.anchor.verdict);
-    s.matching.last_failed = report.anchor.verdict != AnchorVerdict::accepted;
-    if (decision.contradiction_m) s.published.contradiction_m = *decision.contradiction_m;
-    if (decision.inflate_position_m) s.steps[job->step].contradicted_anchor_sigma_m = decision.inflate_position_m;
+    if (getenv("DBG"))
+      fprintf(stderr,
+              "L %zu %s lnl %.2f ratio %.2f score %.2f in %d/%d chi2 %.2f doubt %.3g assoc %.3g s %.2f sig %.1f places "
+              "%zu track %.4g else %.4g\n",
+              job->step, std::string(name_of(report.anchor.verdict)).c_str(), report.anchor.log_likelihood_ratio,
+              report.anchor.ratio, report.anchor.score, report.anchor.inliers, report.anchor.patches,
+              report.anchor.chi2, result.place_doubt, result.association_doubt, job->context.new_ground,
+              std::sqrt(job->context.track.covariance_m2.trace() / 2), s.belief.places(), s.belief.track_probability(),
+              s.belief.elsewhere_probability());
+    s.matching.last_failed = !result.accepted;
+    s.matching.last_track = job->context.track;
+    // The filter has not expected it there.
+    if (result.accepted && result.chi2 > kChi2_999) {
+      s.steps[job->step].contradicted_anchor_sigma_m = (look.candidate->position - job->context.track.position).norm();
+    }
   }
   const bool anchored = report.anchor.verdict == AnchorVerdict::accepted;
   if (anchored) report.anchor_pose = s.update_with_anchor(*job, report.anchor);
@@ -356,10 +380,7 @@ bool Localizer::Impl::update_with_odometry(const cv::Mat& grey, OdometryReport& 
   return !contradicted;
 }
 
-void Localizer::Impl::on_track_broken() {
-  published.withheld_m.setZero();
-  acceptance.on_track_broken();
-}
+void Localizer::Impl::on_track_broken() { published.withheld_m.setZero(); }
 
 // ---- Matching with the map
 
@@ -376,26 +397,37 @@ bool Localizer::Impl::too_low_to_match() const {
   return lost() && footprint_m() < kMinFootprint_px * map_gsd_m;
 }
 
+// Share of the footprint that the last look did not show, as far as is known.
+double Localizer::Impl::new_ground() const {
+  if (!matching.last_track) return 1;
+  const TrackPrediction& last = *matching.last_track;
+  const double variance_m2 = (filter->position_covariance_m2() - last.covariance_m2).trace() / 2;
+  const double way_m = (filter->position() - last.position).norm();
+  return std::min(1.0, std::sqrt(way_m * way_m + std::max(0.0, variance_m2)) / footprint_m());
+}
+
 std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
   if (matching.job_out || tiles == nullptr || (!placed && !config.area) || !match_due() || too_low_to_match()) {
     return nullptr;
   }
   apply_hint();
-  AnchorContext context;
+  LookContext context;
   context.prior = anchor_prior();
-  context.prediction = {.sigma_m = filter->position_sigma_m(),
-                        .healthy = tracking.unbroken() && last_anchor,
-                        .lost = lost(),
-                        .before_first_anchor = !last_anchor,
-                        .odometry_linked = tracking.tracked(),
-                        .tracking_broken = tracking.broken()};
-  context.position = filter->position();
-  context.position_covariance_m2 = filter->position_covariance_m2();
-  context.measured_agl_m = telemetry.reference.agl_m;
+  context.lost = lost();
+  context.track = {.position = filter->position(),
+                   .covariance_m2 = filter->position_covariance_m2(),
+                   .stands = placed && (last_anchor ? tracking.unbroken() : !config.resumed)};
+  context.continues_track = !tracking.broken();
+  context.new_ground = new_ground();
+  context.agl_m = telemetry.reference.agl_m;
   context.footprint_m = footprint_m();
   context.tilt_missing = filter->tilt_missing();
+  context.window = square_around(context.prior.search.pose.position, context.prior.search.radius_m);
   std::optional<LostSearch> where;
-  if (context.prediction.lost) where = lost_search();
+  if (context.lost) {
+    where = lost_search();
+    context.window = where->area;
+  }
   auto match_frame = [this, grey, where, begin = context.prior](const Cancel& cancel) {
     AnchorPrior prior = begin;
     prior.cancel = cancel;
@@ -438,8 +470,7 @@ LostSearch Localizer::Impl::lost_search() {
 
 AnchorMatch Localizer::Impl::match_lost(const cv::Mat& grey, const AnchorPrior& prior, const LostSearch& where) const {
   const auto plausible = [&](const AnchorMatch& match) {
-    const AnchorVerdict verdict = evaluate_anchor(match, prior, {.lost = true}, config.gates);
-    return verdict == AnchorVerdict::accepted || verdict == AnchorVerdict::awaiting_votes;
+    return match.solved && log_likelihood_ratio(features_of(match, prior, where.area.area_m2())) >= kWorthKeeping;
   };
   const auto among = [&](const SearchSuggestions& suggested) {
     return matcher->match_among(grey, prior, where.area, suggested);
@@ -469,7 +500,7 @@ void Localizer::hint(const LonLat& at, double radius_m) {
 // A start that was given before has no more weight than a hint that is given now.
 void Localizer::Impl::apply_hint() {
   if (!operator_hint || operator_hint->propagating()) return;
-  acceptance.on_hint();
+  belief.on_hint();
   const double off_m = (operator_hint->at() - filter->position()).norm();
   const bool anchored = tracking.unbroken() && last_anchor;
   if (placed && !anchored && off_m > operator_hint->radius_m() + kOutsideHintSigmas * filter->position_sigma_m()) {
@@ -491,11 +522,7 @@ PoseMeasurement Localizer::Impl::anchor_measurement(const AnchorJob& job, const 
     const double stretch_m = kSharedErrorFootprints * job.context.footprint_m;
     shared = std::max(1.0, stretch_m / std::max(1.0, (solved.pose.position - last_anchor->position).norm()));
   }
-  double wrong_consensus_m2 = 0;
-  if (!report.corroborated && report.inliers < config.gates.most_inlier_share * report.patches) {
-    const double sigma_m = kWrongConsensusSigma_px * report.matching_gsd_m;
-    wrong_consensus_m2 = sigma_m * sigma_m;
-  }
+  const double wrong_consensus_m2 = report.corroborated ? 0 : wrong_consensus_variance_m2(*job.match);
   PoseMeasurement measurement = pose_measurement(solved, job.reference);
   measurement.covariance *= anchor_model_error_factor(job.context.tilt_missing) * shared;
   measurement.covariance.topLeftCorner<2, 2>() += wrong_consensus_m2 * Eigen::Matrix2d::Identity();
@@ -510,12 +537,11 @@ double Localizer::Impl::map_sigma_of(const AnchorMatch& match) const {
 }
 
 // The errors of one map are common to all of its anchors and cancel between them. Those of two maps do not.
-void Localizer::Impl::widen_for_another_map(AnchorContext& context, const AnchorMatch& match) const {
+void Localizer::Impl::widen_for_another_map(LookContext& context, const AnchorMatch& match) const {
   const double theirs_m = map_sigma_of(match), ours_m = published.map_sigma_m;
   if (!last_anchor || theirs_m == ours_m) return;
   const double between_m2 = theirs_m * theirs_m + ours_m * ours_m;
-  context.position_covariance_m2 += between_m2 * Eigen::Matrix2d::Identity();
-  context.prediction.sigma_m = std::sqrt(context.prediction.sigma_m * context.prediction.sigma_m + between_m2);
+  context.track.covariance_m2 += between_m2 * Eigen::Matrix2d::Identity();
 }
 
 FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const AnchorReport& report) {
@@ -529,8 +555,7 @@ FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const Anchor
         std::sqrt(published.map_sigma_m * published.map_sigma_m - step.map_sigma_m * step.map_sigma_m);
   }
   published.map_sigma_m = step.map_sigma_m;
-  step.anchor_unambiguous = match.search.ratio < config.gates.clear_ratio &&
-                            match.solved->inliers >= config.gates.sure_inlier_share * match.patches;
+  step.anchor_unambiguous = report.log_likelihood_ratio >= kUnambiguous;
   filter = job.flight;
   if (step.contradicted_anchor_sigma_m) filter->inflate_position(*step.contradicted_anchor_sigma_m);
   if (step.finer_map_sigma_m) filter->inflate_position(*step.finer_map_sigma_m);
@@ -539,8 +564,8 @@ FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const Anchor
 
   last_anchor = LastAnchor{job.time_s, match.solved->pose.position, match.solved->inliers, match.search.ratio};
   published.withheld_m.setZero();
-  published.contradiction_m.setZero();
-  acceptance.on_anchor();
+  matching.last_track = {filter->position(), filter->position_covariance_m2()};
+  belief.on_track_moved(filter->position() - job.context.track.position, filter->position_covariance_m2());
   operator_hint.reset();
   placed = true;
   tracking.on_anchor(job.segment == tracking.segment());
@@ -595,10 +620,12 @@ Estimate Localizer::Impl::estimate(bool anchored) const {
   }
   if (!placed) return estimate;
   const bool tracked = tracking.tracked();
-  estimate.covariance_m2 =
-      filter->position_covariance_m2() + published.withheld_m * published.withheld_m.transpose() +
-      published.contradiction_m * published.contradiction_m.transpose() +
-      (last_anchor ? shared_error_m2(published.map_sigma_m) : Eigen::Matrix2d(Eigen::Matrix2d::Zero()));
+  const Eigen::Matrix2d track_m2 =
+      filter->position_covariance_m2() + published.withheld_m * published.withheld_m.transpose();
+  Eigen::Matrix2d common_m2 = Eigen::Matrix2d::Zero();
+  if (last_anchor) common_m2 = shared_error_m2(published.map_sigma_m);
+  estimate.covariance_m2 = belief.spread_m2(track_m2) + common_m2;
+  estimate.hpl_m = belief.protection_level_m(track_m2, config.integrity_risk, common_m2);
   estimate.sigma_m = std::sqrt(0.5 * estimate.covariance_m2.trace());
   estimate.source = anchored                                               ? SourceLabel::satellite_anchored
                     : tracked && (tracking.unbroken() || tiles == nullptr) ? SourceLabel::vo_extrapolated
@@ -617,11 +644,10 @@ FramePose Localizer::Impl::anchor_pose(const AnchorJob& job) const {
   result.covariance_m2 = filter->position_covariance_m2() + shared_error_m2(published.map_sigma_m);
   result.sigma_m = std::sqrt(0.5 * result.covariance_m2.trace());
   result.source = SourceLabel::satellite_anchored;
-  const AnchorPrediction& prediction = job.context.prediction;
+  const double variance_m2 = job.context.track.covariance_m2.trace() / 2;
   const Eigen::Vector2d correction_m = filter->position() - job.flight.position();
-  const bool predicted = prediction.healthy && prediction.sigma_m <= kSharpPrediction_m &&
-                         job.segment == tracking.segment() &&
-                         correction_m.squaredNorm() <= config.gates.chi2_999 * prediction.sigma_m * prediction.sigma_m;
+  const bool predicted = job.context.track.stands && last_anchor && variance_m2 <= kSharp_m * kSharp_m &&
+                         job.segment == tracking.segment() && correction_m.squaredNorm() <= kChi2_999 * variance_m2;
   result.confirmed = predicted || steps[job.step].anchor_unambiguous;
   return result;
 }

@@ -13,9 +13,9 @@
 #include <optional>
 #include <vector>
 
-#include "estimation/anchor_acceptance.hpp"
 #include "estimation/estimate.hpp"
 #include "estimation/flight_filter.hpp"
+#include "estimation/map_look.hpp"
 #include "estimation/telemetry.hpp"
 #include "estimation/visual_odometry.hpp"
 #include "geodesy/local_frame.hpp"
@@ -30,7 +30,7 @@ namespace nadir {
 class CheckedTiles;
 
 struct LocalizerConfig {
-  GateLimits gates;
+  double integrity_risk = parameters::belief::kIntegrityRisk;    // per look, beyond the protection level
   double start_sigma_m = parameters::localizer::kStartSigma_m;  // of the start position, one axis
   // The start is what this flight knew before its program was restarted. The map has matched the flight before, so
   // that frames which agree with each other overrule such a start. They do not overrule any other start: the map may be
@@ -77,7 +77,7 @@ class AnchorJob {
   int segment = 0;
   TelemetryReference reference;
   FlightFilter flight;  // as it was
-  AnchorContext context;
+  LookContext context;
   bool searches_everywhere = false;  // no prediction and no hint: all of the area, for half a minute perhaps
 };
 

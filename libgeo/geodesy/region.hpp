@@ -26,6 +26,7 @@ struct PlaneBox {
   double west_m = 0, south_m = 0, east_m = 0, north_m = 0;
 
   PlanePoint middle() const { return {(west_m + east_m) / 2, (south_m + north_m) / 2}; }
+  double area_m2() const { return (east_m - west_m) * (north_m - south_m); }
 };
 
 struct Corridor {

@@ -6,13 +6,14 @@
 #include <algorithm>
 #include <cmath>
 
-#include "estimation/anchor_acceptance.hpp"
+#include "estimation/look_likelihood.hpp"
 #include "estimation/pose_measurements.hpp"
 #include "estimation/terrain_surface.hpp"
 #include "geodesy/angles.hpp"
 #include "replay/flight_folder.hpp"
 #include "vision/camera_frame.hpp"
 #include "vision/map_matcher.hpp"
+#include "vision/matching_plan.hpp"
 
 namespace nadir {
 namespace {
@@ -190,7 +191,8 @@ namespace {
 constexpr double kMountRange_rad = 0.2;  // search range around the expected mount, each angle
 constexpr double kLeastRadius_m = 60;    // of the search around GPS
 constexpr double kLongestStep_s = 3;     // between frames, for rates
-constexpr double kHealthySigma_m = 20;   // of the prediction that the gates weigh: GPS
+constexpr double kLeastEvidence =
+    4.6;  // ln 100, of a frame that is used: one chance peak in a hundred passes; the solver drops it
 
 bool complete(const Telemetry& telemetry) {
   return telemetry.gps_position && telemetry.agl_m && telemetry.heading_rad && telemetry.pitch_rad &&
@@ -269,8 +271,9 @@ BoresightMeasurements measure_boresight(const BoresightFlight& from, const Camer
     BoresightMeasurement measurement = measurement_at(frames, i, frame, from.assumed_mount);
     const AnchorPrior prior = prior_of(measurement, mount, *frames[i].agl_m, camera.uncertainty);
     const AnchorMatch match = matcher->match(grey, prior);
-    const AnchorPrediction gps{.chi2 = 0, .sigma_m = kHealthySigma_m, .healthy = true, .lost = false};
-    if (!match.solved || evaluate_anchor(match, prior, gps) != AnchorVerdict::accepted) continue;
+    const PlaneBox searched = square_around(prior.search.pose.position, prior.search.radius_m);
+    if (!match.solved) continue;
+    if (log_likelihood_ratio(features_of(match, prior, searched.area_m2())) < kLeastEvidence) continue;
     const PoseMeasurement seen = pose_measurement(*match.solved, {*frames[i].agl_m, Eigen::Vector2d::Zero()});
     measurement.seen = seen.value;
     measurement.covariance = seen.covariance;

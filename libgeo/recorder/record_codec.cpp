@@ -31,58 +31,6 @@
 
 namespace nadir {
 namespace {
-
-struct Name {
-  std::string_view name;
-  double GateLimits::*value;
-};
-
-constexpr std::array<Name, 23> kNames{{
-    {"clear_ratio", &GateLimits::clear_ratio},
-    {"clear_inlier_share", &GateLimits::clear_inlier_share},
-    {"alone_ratio", &GateLimits::alone_ratio},
-    {"alone_inlier_share", &GateLimits::alone_inlier_share},
-    {"vote_ratio", &GateLimits::vote_ratio},
-    {"vote_inlier_share", &GateLimits::vote_inlier_share},
-    {"most_inlier_share", &GateLimits::most_inlier_share},
-    {"sure_inlier_share", &GateLimits::sure_inlier_share},
-    {"expected_chi2", &GateLimits::expected_chi2},
-    {"max_chance_residual_px", &GateLimits::max_chance_residual_px},
-    {"open_tilt_rad", &GateLimits::open_tilt_rad},
-    {"telling_window_m", &GateLimits::telling_window_m},
-    {"sharp_sigma_m", &GateLimits::sharp_sigma_m},
-    {"min_score", &GateLimits::min_score},
-    {"min_sharp_score", &GateLimits::min_sharp_score},
-    {"min_frame_share", &GateLimits::min_frame_share},
-    {"max_residual_px", &GateLimits::max_residual_px},
-    {"max_tilt_sigmas", &GateLimits::max_tilt_sigmas},
-    {"chi2_999", &GateLimits::chi2_999},
-    {"chi2_99", &GateLimits::chi2_99},
-    {"healthy_sigma_m", &GateLimits::healthy_sigma_m},
-    {"lost_ratio", &GateLimits::lost_ratio},
-    {"lost_inlier_share", &GateLimits::lost_inlier_share},
-}};
-constexpr std::string_view kMinInliers = "min_inliers";
-
-// A threshold that is added to the gates must be added here as well.
-static_assert(sizeof(GateLimits) == kNames.size() * sizeof(double) + sizeof(double));
-
-std::vector<std::pair<std::string, double>> gate_values(const GateLimits& gates) {
-  std::vector<std::pair<std::string, double>> named;
-  for (const Name& gate : kNames) named.emplace_back(gate.name, gates.*gate.value);
-  named.emplace_back(kMinInliers, gates.min_inliers);
-  return named;
-}
-
-// Names that this version does not know change nothing.
-void set_gate(GateLimits& gates, std::string_view name, double value) {
-  for (const Name& gate : kNames) {
-    if (gate.name == name) gates.*gate.value = value;
-  }
-  const bool fits = std::abs(value) <= std::numeric_limits<int>::max();  // not so for NaN
-  if (name == kMinInliers && fits) gates.min_inliers = static_cast<int>(value);
-}
-
 namespace codec {
 
 namespace fbs = nadir::recorder;
@@ -163,24 +111,16 @@ CameraFile camera(const fbs::Camera& table) {
 
 flatbuffers::Offset<fbs::Localizer> localizer(FlatBufferBuilder& builder, const SessionRecord& session) {
   const LocalizerConfig& config = session.localizer;
-  std::vector<flatbuffers::Offset<fbs::Gate>> gates;
-  for (const auto& [name, value] : gate_values(config.gates)) {
-    gates.push_back(fbs::CreateGateDirect(builder, name.c_str(), value));
-  }
-  const auto gate_list = builder.CreateVector(gates);
   std::optional<fbs::Box> area;
   if (config.area) area.emplace(config.area->west_m, config.area->south_m, config.area->east_m, config.area->north_m);
-  return fbs::CreateLocalizer(builder, gate_list, config.start_sigma_m, config.min_search_radius_m,
-                              config.max_search_radius_m, config.no_fix_sigma_m, config.map_sigma_m.value_or(0),
-                              config.assumed_agl_m, area ? &*area : nullptr, session.terrain, config.anchor_every_m,
-                              config.anchor_above_sigma_m, session.places, config.resumed);
+  return fbs::CreateLocalizer(builder, config.start_sigma_m, config.min_search_radius_m, config.max_search_radius_m,
+                              config.no_fix_sigma_m, config.map_sigma_m.value_or(0), config.assumed_agl_m,
+                              area ? &*area : nullptr, session.terrain, config.anchor_every_m,
+                              config.anchor_above_sigma_m, session.places, config.resumed, config.integrity_risk);
 }
 
 void localizer(const fbs::Localizer& table, SessionRecord& session) {
   LocalizerConfig& config = session.localizer;
-  if (table.gates() != nullptr) {
-    for (const auto* gate : *table.gates()) set_gate(config.gates, text(gate->name()), gate->value());
-  }
   config.start_sigma_m = table.start_sigma_m();
   config.min_search_radius_m = table.min_search_radius_m();
   config.max_search_radius_m = table.max_search_radius_m();
@@ -193,6 +133,7 @@ void localizer(const fbs::Localizer& table, SessionRecord& session) {
   config.anchor_every_m = table.anchor_every_m();
   config.anchor_above_sigma_m = table.anchor_above_sigma_m();
   config.resumed = table.resumed();
+  config.integrity_risk = table.integrity_risk();
   session.terrain = table.terrain();
   session.places = table.places();
 }

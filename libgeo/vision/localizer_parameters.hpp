@@ -226,49 +226,13 @@ inline constexpr double kNoiseTexture = 4.5;
 inline constexpr int kNoiseSide_px = 1024;          // of the noise field; a larger frame repeats it
 inline constexpr double kMinTypicalTexture = 1e-6;  // no division by zero
 inline constexpr double kMinEdgeStrength = 1e-9;    // no structure, no entropy; numerical
+// A frame of which a place competes more closely, or that correlates less, hardly anchors alone; [roc].
+inline constexpr double kGoodRatio = 0.80;
+inline constexpr double kLeastScore = 0.16;
 inline constexpr double kMaxMatchabilityRatio = 2;  // above 1 another place fits better, by how much does not matter
 inline constexpr double kMatchabilityFootprint_m = 120, kMatchabilityRadius_m = 100;  // defaults; the survey sets them
 
 // ==== estimation
-
-// Thresholds of anchor acceptance (estimation/anchor_acceptance.hpp). They come from the knock-out test: search windows
-// that do not hold the place, where every acceptance is false by definition.
-struct GateLimits {
-  // A frame must satisfy two independent criteria: no other place fits as well (ratio), and the patches agree on one
-  // pose (inlier share). The weaker the one, the stronger the other must be. [roc]: without a prediction 2 of 1194
-  // wrong places still pass alone.
-  double clear_ratio = 0.45;  // below: hardly any other place is possible; [roc] 0.3 % of wrong places below 0.40
-  double clear_inlier_share = 0.10;  // of the patches tried; [roc]
-  double alone_ratio = 0.80;         // below: the frame may anchor on its own …; [roc]
-  double alone_inlier_share = 0.20;  // … when so many agree; [roc] 3.2 % of wrong places reach it
-  double vote_ratio = 0.90;          // below: only where a healthy prediction agrees; [roc]
-  double vote_inlier_share = 0.30;   // [roc] 0.3 % of wrong places reach it
-  // Patches that agree by chance are few: then one frame is not enough, unless a sharp prediction corroborates it (its
-  // 95 %), or the ratio is clear in a window where many places compete. Patches of a chance consensus also scatter
-  // evenly within the solver's bound, as they do about a pose that half of a changed map supports; they are anywhere in
-  // the window; and where the tilt is unknown they have two more degrees of freedom. In each of these cases most
-  // must agree.
-  double sure_inlier_share = 0.40;      // [safety mirrored 286, heading 460]: fewer await votes
-  double most_inlier_share = 0.50;      // [safety old map 2220, 2547]
-  double max_chance_residual_px = 1.7;  // [roc]: half of the chance consensus lies beyond 1.8 px; [safety 286, 460]
-  double expected_chi2 = 5.991;         // 95 % of χ² with two degrees of freedom; [safety outlier 5896] for a start
-  double open_tilt_rad = 0.2;           // one sigma of each axis above which tilt counts as unknown; [safety NaN 755]
-  double telling_window_m = 200;        // half the side of a window in which many places compete; [roc]
-  double sharp_sigma_m = 20;            // a prediction up to this σ (one axis) is sharp; chosen; not measured
-  int min_inliers = 8;                  // chosen; not measured
-  double min_score = 0.16;              // correlation of all channels; [roc] 26 % of wrong places reach it
-  double min_sharp_score = 0.12;        // where a sharp prediction agrees; chosen for faint real images, Nov 2026
-  double min_frame_share = 0.25;        // of the frame that the agreeing patches span; chosen; not measured
-  double max_residual_px = 2.5;         // RMS, pixels of the matching GSD; [roc]
-  double max_tilt_sigmas = 4;           // solved tilt and height against the prediction; chosen; see [safety 9950]
-  double chi2_999 = 13.816;             // 99.9 % of χ² with two degrees of freedom
-  double chi2_99 = 9.210;               // 99 %; against a start, for frames that odometry is linked to; [safety 3574]
-  double healthy_sigma_m = 60;          // a prediction worse than this supports nothing; chosen; not measured
-  // Lost, thousands of places compete and nothing else supports the best one: its ratio must be clearer, or votes
-  // must confirm it.
-  double lost_ratio = 0.70;         // chosen with the cold starts of docs/benchmarks.md
-  double lost_inlier_share = 0.20;  // as alone_inlier_share
-};
 
 // Process noise of the flight filter. Used as FlightFilter::Options.
 struct FlightFilterOptions {
@@ -424,28 +388,31 @@ inline constexpr double kSlopeBaselineDivisor = 3;  // footprint over the distan
 
 }  // namespace tracking
 
-namespace anchor_votes {
+namespace belief {
 
-inline constexpr int kVotes = 3;                // of five attempts; [safety], [roc]
-inline constexpr int kVotesAgainstAnchors = 6;  // of eight: odometry does not leap; [safety 164, 244, 305, 393]
-inline constexpr double kAgreement_m = 25;      // distance at which two attempts agree; chosen
-inline constexpr int kSpareAttempts = 2;        // attempts that may fail in between; chosen
-// Attempts kept. From 1000 m above ground a frame shows 2 km, and six votes must lie along most of that: at ten
-// attempts a second, 2 m apart, this reaches as far. Soak at three frames a second, 22 Nov 2026.
-inline constexpr std::size_t kKeptAttempts = 1024;
-inline constexpr double kChanceAgreement = 0.01;  // share of random pairs that may agree in a window; [safety 614]
-// By then a frame shows little of the first one's ground; [safety 614].
-inline constexpr double kSeparationFootprints = 0.8;
+// Of a look, given that the map shows the place in the window: the candidate is the true place. [looks], clear images.
+inline constexpr double kDetection = 0.95;
+// Over a footprint of new ground: the map begins, or ceases, to show the place. Chosen.
+inline constexpr double kVisibilityChange = 0.05;
+inline constexpr double kForeignFrame = 1e-4;       // the frame is of another moment; chosen …
+inline constexpr double kForeignBrokenFrame = 0.5;  // … where it does not continue the previous one: one of the two is
+inline constexpr double kStartDoubt = 1e-3;         // a position that a person gave is wrong as a whole; chosen
+inline constexpr double kTrackHazard_per_s = 1e-8;  // the track becomes wrong as a whole without a sign; chosen
+inline constexpr double kIntegrityRisk = 1e-5;      // per look: beyond the protection level; a mission may set it
+inline constexpr double kMaxPlaceDoubt = 1e-4;      // of the weight may be elsewhere when the track moves; [looks]
+inline constexpr double kMaxAssociationDoubt = 1e-3;  // a chance peak beside the truth, within the prediction; chosen
+inline constexpr double kDisplacedMapShare = 0.5;   // of a place that contradicts the track; geometry of ignorance
+inline constexpr double kOverrulingFootprints = 6;  // of ground that contradicts an anchor alike; [safety 164, 244, 305]
+inline constexpr double kSharp_m = 20;              // one axis: a chance peak within such a prediction harms little
+inline constexpr double kChi2_95 = 5.991;           // of χ² with two degrees of freedom
+inline constexpr double kChi2_999 = 13.816;         // likewise, 99.9 %
+inline constexpr double kLeastWeight = 1e-9;        // of a place that is kept; numerical
+inline constexpr std::size_t kMaxPlaces = 15;       // beside the track; bounds the time
+inline constexpr int kProtectionLevelBisections = 40;  // to 1e-12 of the radius; numerical
+inline constexpr double kWorthKeeping = 2.303;      // ln 10: a lost look goes on elsewhere below; chosen
+inline constexpr double kUnambiguous = 6.908;       // ln 1000: needs no other look, for products of the frame; [looks]
 
-}  // namespace anchor_votes
-
-namespace start_contradictions {
-
-inline constexpr double kSamePlace_m = 25;    // matches this near contradict the start alike; chosen
-inline constexpr double kDriftSigmas = 3;     // … and by so much of what the position's σ has grown since
-inline constexpr std::size_t kMaxPlaces = 8;  // chance matches are elsewhere each time; chosen
-
-}  // namespace start_contradictions
+}  // namespace belief
 
 namespace anchor_measurement {
 
@@ -455,6 +422,7 @@ inline constexpr double kModelErrorFactor = 4;
 inline constexpr double kUnknownTiltModelErrorFactor = 9;  // all of that looks like a tilt; [safety NaN attitude 755]
 // Sets of patches that agreed on a wrong pose nearby lay up to 26 px from the truth; [safety night 4734, height 5045].
 inline constexpr double kWrongConsensusSigma_px = 10;
+inline constexpr double kMostPatches = 0.5;  // a larger share of patches that agree is no wrong consensus; [safety 2220]
 inline constexpr double kSharedErrorFootprints = 1.5;  // anchors within it count as one; [safety heading 73]
 inline constexpr double kMinHeightSigma = 0.012;       // log height: roofs, trees, rolling ground; chosen
 inline constexpr double kMinTiltVariance_rad2 = 1e-6;  // keeps the prior invertible; numerics

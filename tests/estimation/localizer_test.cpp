@@ -46,8 +46,23 @@ TEST(Localizer, FollowsAFlightOverItsMap) {
 
 // A minority that agrees may be the wrong one: until a sharp prediction says the same, its word counts less.
 TEST(Localizer, AMinorityOfPatchesMakesAVagueAnchor) {
+  class MorePatches final : public MapMatcher {  // of which no more agree
+   public:
+    explicit MorePatches(const MatcherMap& map) : inner_(make_channel_matcher(map)) {}
+    AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) override {
+      AnchorMatch match = inner_->match(grey, prior);
+      match.patches = match.patches * 2 + 1;
+      return match;
+    }
+    AnchorMatch match_anywhere(const cv::Mat& grey, const AnchorPrior& prior, const PlaneBox& area) override {
+      return inner_->match_anywhere(grey, prior, area);
+    }
+
+   private:
+    std::unique_ptr<MapMatcher> inner_;
+  };
   LocalizerConfig minority = config();
-  minority.gates.most_inlier_share = 1.01;  // whatever agrees is one
+  minority.matcher = [](const MatcherMap& map) { return std::make_unique<MorePatches>(map); };
   Localizer sure(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   Localizer vague(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), minority);
   const Moment &first = short_flight()[0], &second = short_flight()[1];
@@ -234,10 +249,7 @@ void expect_near(const FramePose& pose, const Moment& moment) {
   EXPECT_NEAR(pose.sigma_m * pose.sigma_m, 0.5 * pose.covariance_m2.trace(), 1e-9);
 }
 
-bool clear(const AnchorReport& anchor) {
-  const GateLimits limits;
-  return anchor.ratio < limits.clear_ratio && anchor.inliers >= limits.sure_inlier_share * anchor.patches;
-}
+bool clear(const AnchorReport& anchor) { return anchor.log_likelihood_ratio >= parameters::belief::kUnambiguous; }
 
 TEST(LocalizerPoses, AreThoseOfTheAnchoredFrames) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());

@@ -33,8 +33,7 @@ TEST(RecordCodec, TheSessionKeepsWhatTheLocalizerStartedFrom) {
   EXPECT_EQ(read.camera.camera.fx, 1400.5);
   EXPECT_EQ(read.camera.uncertainty.tilt_rad, 0.04);
   EXPECT_EQ(read.camera.uncertainty.imu_dv_mps, 0.05);
-  EXPECT_EQ(read.localizer.gates.alone_ratio, 0.77);
-  EXPECT_EQ(read.localizer.gates.min_inliers, 9);
+  EXPECT_EQ(read.localizer.integrity_risk, 1e-6);
   EXPECT_EQ(read.localizer.area->north_m, 400);
   EXPECT_EQ(read.start, session.start);
   EXPECT_EQ(read.package, session.package);

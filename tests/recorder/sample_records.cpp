@@ -122,8 +122,7 @@ SessionRecord sample_session() {
   session.start = LonLat{8.51, 47.41};
   session.picture_shrink = 2;
   session.seed = 42;
-  session.localizer.gates.alone_ratio = 0.77;
-  session.localizer.gates.min_inliers = 9;
+  session.localizer.integrity_risk = 1e-6;
   session.localizer.area = PlaneBox{-100, -200, 300, 400};
   session.localizer.map_sigma_m = 1.7;
   session.terrain = true;

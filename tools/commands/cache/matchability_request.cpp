@@ -7,7 +7,6 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "estimation/anchor_acceptance.hpp"
 #include "package/tile_container.hpp"
 #include "vision/camera.hpp"
 #include "vision/localizer_parameters.hpp"
@@ -23,10 +22,9 @@ constexpr double kPlainTemplate_px = 130;  // side of a square with the pixels o
 constexpr std::array<MatchClass, 3> kClasses{MatchClass::good, MatchClass::weak, MatchClass::poor};
 
 MatchabilityLimits flight_limits() {
-  const GateLimits gates;
-  return {.good_ratio = gates.alone_ratio,
-          .weak_ratio = gates.vote_ratio,
-          .min_score = gates.min_score,
+  return {.good_ratio = kGoodRatio,
+          .weak_ratio = kHopelessRatio,
+          .min_score = kLeastScore,
           .min_valid = kMinValidShare};  // as a placement needs in flight
 }
 

@@ -1,0 +1,296 @@
+#include "estimation/belief.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include "vision/localizer_parameters.hpp"
+
+namespace nadir {
+
+using namespace parameters::belief;
+
+namespace {
+
+struct Gaussian {
+  PlanePoint mean;
+  Eigen::Matrix2d covariance_m2;
+};
+
+double chi2_of(const Eigen::Vector2d& off, const Eigen::Matrix2d& covariance) {
+  return off.dot(covariance.inverse() * off);
+}
+
+double density(const Eigen::Vector2d& off, const Eigen::Matrix2d& covariance) {
+  return std::exp(-chi2_of(off, covariance) / 2) / (2 * std::numbers::pi * std::sqrt(covariance.determinant()));
+}
+
+double normal_between(double low, double high, double mean, double sigma) {
+  const auto below = [&](double x) { return std::erfc((mean - x) / (std::numbers::sqrt2 * sigma)) / 2; };
+  return below(high) - below(low);
+}
+
+// Share of the Gaussian inside the box, with its axes taken for independent.
+double inside(const PlaneBox& box, const Gaussian& place) {
+  return normal_between(box.west_m, box.east_m, place.mean.east_m, std::sqrt(place.covariance_m2(0, 0))) *
+         normal_between(box.south_m, box.north_m, place.mean.north_m, std::sqrt(place.covariance_m2(1, 1)));
+}
+
+double one_axis_sigma(const Eigen::Matrix2d& covariance_m2) { return std::sqrt(covariance_m2.trace() / 2); }
+
+double larger_eigenvalue(const Eigen::Matrix2d& covariance_m2) {
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance_m2, Eigen::EigenvaluesOnly).eigenvalues()[1];
+}
+
+// What a look says of one hypothesis.
+struct Evidence {
+  double visible = 1, hidden = 1;  // L, with the power of the new ground
+  double believed = 0;             // share of the visible that is at the candidate from now on
+};
+
+// expected: likelihood ratio of the candidate where the hypothesis expects it, without P_D. share: q.
+Evidence evidence_of(const Look& look, double expected, double share, bool believed_before) {
+  const double foreign = look.continues_track ? kForeignFrame : kForeignBrokenFrame;
+  const double ratio = look.candidate ? std::exp(look.candidate->log_likelihood_ratio) : 0;
+  const double elsewhere = foreign * (1 - kDetection + kDetection * ratio);
+  const double hit = (1 - foreign) * kDetection * expected;
+  const double visible = hit + (1 - foreign) * (1 - kDetection * share) + elsewhere;
+  const double hidden = 1 - foreign + elsewhere;
+  const double believed = hit / visible;
+  Evidence evidence;
+  evidence.visible = std::pow(visible, look.new_ground);
+  evidence.hidden = std::pow(hidden, look.new_ground);
+  evidence.believed = believed_before ? believed : 1 - std::pow(1 - believed, look.new_ground);
+  return evidence;
+}
+
+}  // namespace
+
+PlaceBelief::PlaceBelief(double track_doubt, double area_m2)
+    : area_m2_(area_m2),
+      track_{(1 - track_doubt) / 2, (1 - track_doubt) / 2},
+      elsewhere_{track_doubt / 2, track_doubt / 2} {}
+
+void PlaceBelief::propagate(double seconds) {
+  const double lost = -std::expm1(-kTrackHazard_per_s * std::abs(seconds));
+  const double moved = track_.total() * lost;
+  track_.visible *= 1 - lost;
+  track_.hidden *= 1 - lost;
+  elsewhere_.visible += moved / 2;
+  elsewhere_.hidden += moved / 2;
+}
+
+void PlaceBelief::on_hint() {
+  hinted_ = true;
+  for (Place& place : places_) place.contradicts = false;
+}
+
+void PlaceBelief::on_track_moved(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& track_covariance_m2) {
+  for (Place& place : places_) {
+    place.offset_m -= by_m;
+    place.track_variance_m2 = track_covariance_m2.trace() / 2;
+  }
+}
+
+Eigen::Matrix2d PlaceBelief::grown_m2(const Place& place, const Eigen::Matrix2d& track_covariance_m2) {
+  const double grown_m2 = std::max(0.0, track_covariance_m2.trace() / 2 - place.track_variance_m2);
+  return place.covariance_m2 + grown_m2 * Eigen::Matrix2d::Identity();
+}
+
+// The ground changes, or clouds do.
+void PlaceBelief::change_visibility(double new_ground) {
+  const auto mix = [change = kVisibilityChange * new_ground](Weight& weight) {
+    const double moved = change * (weight.visible - weight.hidden);
+    weight.visible -= moved;
+    weight.hidden += moved;
+  };
+  mix(track_);
+  mix(elsewhere_);
+  for (Place& place : places_) mix(place.weight);
+}
+
+LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
+  change_visibility(look.new_ground);
+  for (Place& place : places_) {
+    place.covariance_m2 = grown_m2(place, track.covariance_m2);
+    place.track_variance_m2 = track.covariance_m2.trace() / 2;
+  }
+
+  // What the look says of each hypothesis, and how much of it is at the candidate from now on.
+  const double window_m2 = look.window.area_m2(), share = std::min(1.0, window_m2 / area_m2_);
+  const double ratio = look.candidate ? std::exp(look.candidate->log_likelihood_ratio) : 0;
+  struct Seen {
+    double believed = 0;  // weight
+    double beside = 0;    // the rest of a sharp hypothesis that the candidate agrees with
+    double chi2 = 0;
+  };
+  const auto weigh = [&](Weight& weight, const Gaussian& place, bool believed_before) {
+    Seen seen;
+    double expected = 0;
+    if (look.candidate) {
+      const Eigen::Vector2d off = look.candidate->position - place.mean;
+      const Eigen::Matrix2d spread = place.covariance_m2 + look.candidate->covariance_m2;
+      expected = ratio * window_m2 * density(off, spread);
+      seen.chi2 = chi2_of(off, spread);
+    }
+    const Evidence evidence = evidence_of(look, expected, inside(look.window, place), believed_before);
+    weight.visible *= evidence.visible;
+    weight.hidden *= evidence.hidden;
+    seen.believed = weight.visible * evidence.believed;
+    const bool agrees = look.candidate && one_axis_sigma(place.covariance_m2) <= kSharp_m && seen.chi2 <= kChi2_95;
+    if (agrees) seen.beside = weight.total() - seen.believed;
+    return seen;
+  };
+  const Seen by_track = weigh(track_, {track.position, track.covariance_m2}, track_believed_);
+  std::vector<Seen> by_place;
+  for (Place& place : places_) {
+    by_place.push_back(
+        weigh(place.weight, {PlanePoint(track.position.vector() + place.offset_m), place.covariance_m2}, true));
+  }
+  const Evidence of_elsewhere = evidence_of(look, ratio * share, share, false);
+  elsewhere_.visible *= of_elsewhere.visible;
+  elsewhere_.hidden *= of_elsewhere.hidden;
+  const double from_elsewhere = elsewhere_.visible * of_elsewhere.believed;
+
+  LookResult result;
+  result.chi2 = by_track.chi2;
+  track_believed_ = by_track.beside > 0 && by_track.believed > track_.visible / 2;
+  if (look.candidate) {
+    const bool contradicts = track.stands && !hinted_ && result.chi2 > kChi2_999;
+    double total = track_.total() + elsewhere_.total();
+    double hits = by_track.believed + (contradicts ? kDisplacedMapShare : 1) * from_elsewhere;
+    double beside = by_track.beside;
+    for (std::size_t i = 0; i < places_.size(); ++i) {
+      const double counted = places_[i].contradicts ? kDisplacedMapShare : 1;
+      total += places_[i].weight.total();
+      hits += counted * by_place[i].believed;
+      beside += counted * by_place[i].beside;
+    }
+    result.place_doubt = std::max(0.0, 1 - (hits + beside) / total);
+    result.association_doubt = hits > 0 ? beside / (hits + beside) : 1;
+    result.accepted = result.place_doubt <= kMaxPlaceDoubt && result.association_doubt <= kMaxAssociationDoubt;
+
+    // The place that the candidate belongs to, or a new one.
+    Place at{{},
+             look.candidate->position - track.position,
+             look.candidate->covariance_m2,
+             track.covariance_m2.trace() / 2,
+             contradicts,
+             0};
+    std::size_t target = places_.size();
+    double most = std::max(by_track.believed, from_elsewhere);
+    if (by_track.believed > from_elsewhere) {
+      const Eigen::Matrix2d gain = track.covariance_m2 * (track.covariance_m2 + at.covariance_m2).inverse();
+      at.offset_m = gain * at.offset_m;
+      at.covariance_m2 = track.covariance_m2 - gain * track.covariance_m2;
+    }
+    for (std::size_t i = 0; i < places_.size(); ++i) {
+      if (by_place[i].chi2 > kChi2_999 || by_place[i].believed <= most) continue;
+      most = by_place[i].believed;
+      target = i;
+    }
+    if (target < places_.size()) {
+      Place& place = places_[target];
+      const Eigen::Vector2d off = look.candidate->position - track.position - place.offset_m;
+      const Eigen::Matrix2d gain =
+          place.covariance_m2 * (place.covariance_m2 + look.candidate->covariance_m2).inverse();
+      at = place;
+      at.offset_m += gain * off;
+      at.covariance_m2 -= gain * place.covariance_m2;
+      at.footprints += look.new_ground;
+      if (anchored_ && at.footprints >= kOverrulingFootprints) at.contradicts = false;
+    }
+
+    at.weight = {by_track.believed + from_elsewhere, 0};
+    track_.visible -= by_track.believed;
+    elsewhere_.visible -= from_elsewhere;
+    for (std::size_t i = 0; i < places_.size(); ++i) {
+      at.weight.visible += by_place[i].believed;
+      places_[i].weight.visible -= by_place[i].believed;
+    }
+    if (result.accepted) {
+      // What is left of the track: the candidate was a chance peak, and the track is where it was.
+      if (by_track.beside > 0) {
+        at.weight.visible += track_.visible;
+        at.weight.hidden += track_.hidden;
+      } else {
+        places_.push_back({track_, Eigen::Vector2d::Zero(), track.covariance_m2, 0, false, 0});
+      }
+      track_ = at.weight;
+      track_believed_ = anchored_ = true;
+      hinted_ = false;
+    } else if (target < places_.size()) {
+      at.weight.visible += places_[target].weight.visible;
+      at.weight.hidden += places_[target].weight.hidden;
+      places_[target] = at;
+    } else {
+      places_.push_back(at);
+    }
+  }
+  normalize();
+  return result;
+}
+
+void PlaceBelief::normalize() {
+  std::stable_sort(places_.begin(), places_.end(),
+                   [](const Place& a, const Place& b) { return a.weight.total() > b.weight.total(); });
+  double total = track_.total() + elsewhere_.total();
+  for (const Place& place : places_) total += place.weight.total();
+  while (!places_.empty() && (places_.size() > kMaxPlaces || places_.back().weight.total() < kLeastWeight * total)) {
+    elsewhere_.visible += places_.back().weight.visible;
+    elsewhere_.hidden += places_.back().weight.hidden;
+    places_.pop_back();
+  }
+  const auto scale = [total](Weight& weight) {
+    weight.visible /= total;
+    weight.hidden /= total;
+  };
+  scale(track_);
+  scale(elsewhere_);
+  for (Place& place : places_) scale(place.weight);
+}
+
+Eigen::Matrix2d PlaceBelief::spread_m2(const Eigen::Matrix2d& track_covariance_m2) const {
+  double total = track_.total();
+  Eigen::Matrix2d spread = track_.total() * track_covariance_m2;
+  for (const Place& place : places_) {
+    total += place.weight.total();
+    spread +=
+        place.weight.total() * (grown_m2(place, track_covariance_m2) + place.offset_m * place.offset_m.transpose());
+  }
+  return total > 0 ? Eigen::Matrix2d(spread / total) : track_covariance_m2;
+}
+
+std::optional<double> PlaceBelief::protection_level_m(const Eigen::Matrix2d& track_covariance_m2, double risk,
+                                                      const Eigen::Matrix2d& common_m2) const {
+  struct Component {
+    double weight, distance_m, variance_m2;
+  };
+  std::vector<Component> components{{track_.total(), 0, larger_eigenvalue(track_covariance_m2 + common_m2)}};
+  for (const Place& place : places_) {
+    components.push_back({place.weight.total(), place.offset_m.norm(),
+                          larger_eigenvalue(grown_m2(place, track_covariance_m2) + common_m2)});
+  }
+  const double left = risk - elsewhere_.total();
+  if (left <= 0) return std::nullopt;
+  const auto outside = [&](double radius_m) {
+    double sum = 0;
+    for (const Component& c : components) {
+      const double beyond = std::max(0.0, radius_m - c.distance_m);
+      sum += c.weight * std::exp(-beyond * beyond / (2 * c.variance_m2));
+    }
+    return sum;
+  };
+  double low = 0, high = 1;
+  while (outside(high) > left) high *= 2;
+  for (int i = 0; i < kProtectionLevelBisections; ++i) {
+    const double middle = (low + high) / 2;
+    (outside(middle) > left ? low : high) = middle;
+  }
+  return high;
+}
+
+}  // namespace nadir

@@ -1,0 +1,130 @@
+// Where may the aircraft be? A belief over places, instead of thresholds that a match with the map must pass.
+//
+// Model. The flight filter tracks one Gaussian, the track: position x, covariance P. It may be wrong as a whole (a
+// wrong start, a wrong anchor), and a look at the map may see the wrong place. So there are hypotheses with weights:
+//
+//   track       the filter is right: N(x, P)
+//   place i     the aircraft is at x + o_i, covariance C_i. Found by looks; moves with the track, and grows as it does
+//   elsewhere   anywhere in the area, uniformly
+//
+// and each of them with the map showing the place (visible) or not (hidden: rebuilt, clouds, night, snow). This is
+// multiple-hypothesis tracking (Reid 1979) with probabilistic data association (Bar-Shalom and Tse 1975) and a
+// perceivable target (Musicki, Evans and Stankovic 1994), where the target stands still and the observer flies.
+//
+// Look. It searches a window of camera positions (area W) and finds one candidate at z with covariance R, or none. ℓ is
+// the likelihood ratio of its features: true place over chance peak (look_likelihood.hpp). Chance peaks lie anywhere
+// in the window. So with P_D, the chance that the true place, if it is visible and in the window, is the candidate,
+// the likelihood of a hypothesis over that of a chance peak is
+//
+//   hit  = P_D ℓ W N(z; x_i, C_i + R)        elsewhere: P_D ℓ g, where g is the window's share of the area
+//   miss = 1 - P_D q_i                       q_i: share of the hypothesis inside the window
+//   L_visible = hit + miss,  L_hidden = 1
+//
+// With the chance p_f that the frame is not of this moment (a mixed-up recording): L ← (1 - p_f) L + p_f (1 - P_D + P_D
+// ℓ). Weights are multiplied by L; of a visible hypothesis the share hit / L is at z from now on.
+//
+// The same ground is one witness. s is the share of ground that the last look did not show: weights are multiplied by
+// L^s, and what has not believed a candidate there before believes only 1 - (1 - hit / L)^s of it now.
+//
+// A displaced map cannot be told from a wrong track by looking at that map. A place that contradicts a track which
+// nothing else contradicts (a start that was given; odometry that leads on from an anchor without a break) counts half:
+// the other half is the track, over a displaced map.
+//
+// Decision. The track moves to z when all but kMaxPlaceDoubt of the weight is there: hits, and sharp hypotheses that z
+// agrees with; and when z is then no chance peak beside the truth but for kMaxAssociationDoubt. What is left of the
+// track stays where it was, as a place. Otherwise z becomes a place, and nothing is moved.
+//
+// Protection level. The least radius around the published position that holds all but the integrity risk of the whole
+// mixture. A Gaussian with the larger eigenvalue σ² of its covariance, at a distance o, is outside r with at most
+// exp(-(r - o)² / 2σ²). None when more than the risk is elsewhere.
+//
+// Numbers: namespace belief of localizer_parameters.hpp.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <vector>
+
+#include "geodesy/plane_point.hpp"
+#include "geodesy/region.hpp"
+
+namespace nadir {
+
+// The flight filter's prediction for the frame that was matched.
+struct TrackPrediction {
+  PlanePoint position;
+  Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();
+  bool stands = false;  // nothing but the map contradicts it: a start that was given, or odometry without a break
+};
+
+struct LookCandidate {
+  PlanePoint position;
+  Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();
+  double log_likelihood_ratio = 0;  // ln ℓ
+};
+
+struct Look {
+  PlaneBox window;  // camera positions that were searched
+  std::optional<LookCandidate> candidate;
+  double new_ground = 1;        // s
+  bool continues_track = true;  // false: the frame and the previous one should overlap, and do not
+};
+
+struct LookResult {
+  bool accepted = false;         // the track moves to the candidate
+  double chi2 = 0;               // of the candidate against the track, two degrees of freedom
+  double place_doubt = 1;        // weight that is not at the candidate
+  double association_doubt = 1;  // chance that it is a chance peak beside the truth
+};
+
+class PlaceBelief {
+ public:
+  // track_doubt: chance that the track is wrong as a whole at the beginning; 1: it is not known at all.
+  // area_m2: in which the aircraft is in any case.
+  PlaceBelief(double track_doubt, double area_m2);
+
+  // Time passes, during which the track may have become wrong without a sign.
+  void propagate(double seconds);
+  LookResult update(const Look& look, const TrackPrediction& track);
+  // After an accepted look: the filter was updated with the candidate.
+  void on_track_moved(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& track_covariance_m2);
+  // An operator says that the aircraft may be somewhere else: places that contradict the track count in full.
+  void on_hint();
+
+  // Second moment about the track's position: of the track and all places, without elsewhere.
+  Eigen::Matrix2d spread_m2(const Eigen::Matrix2d& track_covariance_m2) const;
+  // Nothing: no radius holds all but the risk. common_m2 is added to every place's covariance (the map's own error).
+  std::optional<double> protection_level_m(const Eigen::Matrix2d& track_covariance_m2, double risk,
+                                           const Eigen::Matrix2d& common_m2) const;
+
+  double track_probability() const { return track_.total(); }
+  double elsewhere_probability() const { return elsewhere_.total(); }
+  std::size_t places() const { return places_.size(); }
+
+ private:
+  struct Weight {
+    double visible = 0, hidden = 0;
+    double total() const { return visible + hidden; }
+  };
+  struct Place {
+    Weight weight;
+    Eigen::Vector2d offset_m;       // from the track
+    Eigen::Matrix2d covariance_m2;  // when it was last seen …
+    double track_variance_m2;       // … and the track's then
+    bool contradicts = false;       // a track that stands: counts half …
+    double footprints = 0;          // of ground that supported it: in the end they overrule an earlier anchor
+  };
+  // As the track's covariance has grown since.
+  static Eigen::Matrix2d grown_m2(const Place& place, const Eigen::Matrix2d& track_covariance_m2);
+  void change_visibility(double new_ground);
+  void normalize();
+
+  double area_m2_;
+  bool anchored_ = false;        // the track has moved to a candidate
+  bool track_believed_ = false;  // the last look was a hit of the track
+  bool hinted_ = false;          // since the last anchor
+  Weight track_, elsewhere_;
+  std::vector<Place> places_;
+};
+
+}  // namespace nadir

@@ -1,0 +1,83 @@
+#include "estimation/map_look.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+#include "estimation/look_likelihood.hpp"
+#include "vision/localizer_parameters.hpp"
+
+namespace nadir {
+
+using namespace parameters::anchor_measurement;
+
+namespace {
+
+AnchorVerdict verdict_of(const AnchorMatch& match, const LookContext& context, const Look& look,
+                         const LookResult& result) {
+  if (!match.on_map) return AnchorVerdict::no_map;
+  if (match.search.places.empty()) return AnchorVerdict::ambiguous;
+  if (!look.candidate) return AnchorVerdict::few_inliers;
+  if (result.accepted) return AnchorVerdict::accepted;
+  if (look.candidate->log_likelihood_ratio <= 0) return AnchorVerdict::ambiguous;
+  if (!context.lost && result.chi2 > parameters::belief::kChi2_999) return AnchorVerdict::off_prediction;
+  return AnchorVerdict::awaiting_votes;
+}
+
+}  // namespace
+
+double anchor_model_error_factor(bool tilt_missing) {
+  return tilt_missing ? kUnknownTiltModelErrorFactor : kModelErrorFactor;
+}
+
+double unmodelled_variance_m2(double agl_m) {
+  const double sigma_m = kUnmodelledShare * agl_m;
+  return sigma_m * sigma_m;
+}
+
+double wrong_consensus_variance_m2(const AnchorMatch& match) {
+  if (match.solved->inliers >= kMostPatches * match.patches) return 0;
+  const double sigma_m = kWrongConsensusSigma_px * match.fine_gsd_m;
+  return sigma_m * sigma_m;
+}
+
+Look look_of(const AnchorMatch& match, const LookContext& context) {
+  Look look{context.window, std::nullopt, context.new_ground, context.continues_track};
+  if (!match.on_map || !match.solved) return look;
+  // Unmodelled errors differ over other ground and in a turn: the anchors behind the track had one value of them, this
+  // one has another.
+  const double variance_m2 = unmodelled_variance_m2(context.agl_m) + wrong_consensus_variance_m2(match);
+  LookCandidate& candidate = look.candidate.emplace();
+  candidate.position = match.solved->pose.position;
+  candidate.covariance_m2 =
+      anchor_model_error_factor(context.tilt_missing) * match.solved->covariance.topLeftCorner<2, 2>() +
+      variance_m2 * Eigen::Matrix2d::Identity();
+  candidate.log_likelihood_ratio = log_likelihood_ratio(features_of(match, context.prior, context.window.area_m2()));
+  return look;
+}
+
+AnchorReport anchor_report(const AnchorMatch& match, const LookContext& context, const Look& look,
+                           const LookResult& result) {
+  AnchorReport report;
+  report.verdict = verdict_of(match, context, look, result);
+  report.window_radius_m = context.prior.search.radius_m;
+  report.ratio = match.search.ratio;
+  if (!match.search.places.empty()) report.score = match.search.places.front().score;
+  report.patches = match.patches;
+  report.matching_gsd_m = match.fine_gsd_m;
+  report.rectified = match.rectified;
+  report.matched_map = match.matched_map;
+  if (!look.candidate) return report;
+  report.camera = match.solved->pose.position;
+  report.heading_rad = match.solved->pose.attitude.heading_rad;
+  report.inliers = match.solved->inliers;
+  report.residual_px = match.solved->rms_m / match.fine_gsd_m;
+  report.log_likelihood_ratio = look.candidate->log_likelihood_ratio;
+  report.place_doubt = result.place_doubt;
+  report.chi2 = result.chi2;
+  const double sigma_m = std::sqrt(context.track.covariance_m2.trace() / 2);
+  report.corroborated = sigma_m <= parameters::belief::kSharp_m && result.chi2 <= parameters::belief::kChi2_95;
+  return report;
+}
+
+}  // namespace nadir

@@ -1,0 +1,40 @@
+// One look at the map: what was predicted for the frame, the candidate that the matcher found, and its errors.
+#pragma once
+
+#include <Eigen/Core>
+
+#include "estimation/belief.hpp"
+#include "estimation/estimate.hpp"
+#include "vision/map_matcher.hpp"
+
+namespace nadir {
+
+// What was known at the frame that was matched.
+struct LookContext {
+  AnchorPrior prior;
+  TrackPrediction track;
+  PlaneBox window;              // camera positions that are searched
+  bool lost = false;            // all of the area, or much of it
+  bool continues_track = true;  // Look's
+  double new_ground = 1;        // Look's
+  double agl_m = 0;             // measured
+  double footprint_m = 0;       // longer side
+  bool tilt_missing = false;
+};
+
+// Factor on the solved pose's covariance for what the solver does not model.
+double anchor_model_error_factor(bool tilt_missing);
+
+// Variance of one axis of what no model has (lens, relief, the moment of the telemetry); it grows with height.
+double unmodelled_variance_m2(double agl_m);
+
+// Where most patches matched something else, those that agree may be the wrong ones: variance of one axis.
+double wrong_consensus_variance_m2(const AnchorMatch& match);
+
+// What the belief needs to know of a match.
+Look look_of(const AnchorMatch& match, const LookContext& context);
+
+AnchorReport anchor_report(const AnchorMatch& match, const LookContext& context, const Look& look,
+                           const LookResult& result);
+
+}  // namespace nadir

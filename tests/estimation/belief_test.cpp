@@ -1,0 +1,199 @@
+// The belief over places: what looks make of it, and that no sequence of looks breaks it.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "base/random.hpp"
+#include "estimation/belief.hpp"
+#include "vision/localizer_parameters.hpp"
+
+namespace nadir {
+namespace {
+
+using namespace parameters::belief;
+
+constexpr double kArea_m2 = 4e6;
+
+Eigen::Matrix2d circle(double sigma_m) { return sigma_m * sigma_m * Eigen::Matrix2d::Identity(); }
+
+TrackPrediction track(PlanePoint at, double sigma_m, bool stands = true) { return {at, circle(sigma_m), stands}; }
+
+Look look_at(PlanePoint middle, double radius_m, std::optional<PlanePoint> found, double log_ratio,
+             double new_ground = 1) {
+  Look look;
+  look.window = {middle.east_m - radius_m, middle.north_m - radius_m, middle.east_m + radius_m,
+                 middle.north_m + radius_m};
+  if (found) look.candidate = LookCandidate{*found, circle(4), log_ratio};
+  look.new_ground = new_ground;
+  return look;
+}
+
+// A flight to the east, a footprint a look; each look finds the truth plus `off`.
+struct LookFlight {
+  PlaceBelief belief;
+  double sigma_m;
+  bool stands = true;
+  double step_m = 150;
+  PlanePoint at{0, 0};
+
+  LookResult fly(std::optional<Eigen::Vector2d> off, double log_ratio, double new_ground = 1) {
+    at.east_m += step_m * new_ground;
+    std::optional<PlanePoint> found;
+    if (off) found = PlanePoint(at.vector() + *off);
+    return belief.update(look_at(at, 150, found, log_ratio, new_ground), track(at, sigma_m, stands));
+  }
+};
+
+LookFlight known_start(double sigma_m = 8) { return {PlaceBelief(kStartDoubt, kArea_m2), sigma_m}; }
+
+TEST(Belief, AClearLookWhereItIsExpectedMovesTheTrack) {
+  LookFlight flight = known_start();
+  const LookResult result = flight.fly(Eigen::Vector2d(3, -2), 8);
+  EXPECT_TRUE(result.accepted);
+  EXPECT_LT(result.chi2, 1);
+  EXPECT_GT(flight.belief.track_probability(), 1 - kIntegrityRisk);
+}
+
+TEST(Belief, AVagueLookMovesNothingAndIsRemembered) {
+  LookFlight flight = known_start(50);
+  const LookResult first = flight.fly(Eigen::Vector2d(40, 0), 2);
+  EXPECT_FALSE(first.accepted);
+  EXPECT_EQ(flight.belief.places(), 1U);
+}
+
+TEST(Belief, LooksAtNewGroundThatAgreeMoveTheTrackTogether) {
+  LookFlight flight = known_start(50);
+  int looks = 1;
+  while (!flight.fly(Eigen::Vector2d(40, 0), 5).accepted) ASSERT_LT(++looks, 5);
+  EXPECT_GT(looks, 1);
+}
+
+TEST(Belief, LooksAtTheSameGroundAreOneWitness) {
+  LookFlight flight = known_start(50);
+  flight.fly(Eigen::Vector2d(60, 0), 3);
+  for (int i = 0; i < 100; ++i) EXPECT_FALSE(flight.fly(Eigen::Vector2d(60, 0), 3, 0).accepted) << i;
+}
+
+TEST(Belief, ChancePeaksThatScatterMoveNothing) {
+  Random random(5);
+  LookFlight flight = known_start(50);
+  for (int i = 0; i < 200; ++i) {
+    const Eigen::Vector2d off(random.uniform(-150, 150), random.uniform(-150, 150));
+    EXPECT_FALSE(flight.fly(off, random.uniform(-4, 2)).accepted) << i;
+  }
+}
+
+TEST(Belief, WithoutAPositionOneLookIsNotEnough) {
+  LookFlight flight{PlaceBelief(1, kArea_m2), 1000, false};
+  const auto everywhere = [&](PlanePoint found) {
+    Look look = look_at({0, 0}, 1000, found, 8);
+    return flight.belief.update(look, track({0, 0}, 1000, false));
+  };
+  EXPECT_FALSE(everywhere({300, 200}).accepted);
+  EXPECT_EQ(flight.belief.track_probability(), 0);
+  EXPECT_FALSE(flight.belief.protection_level_m(circle(1000), kIntegrityRisk, circle(0)));
+  EXPECT_TRUE(everywhere({300, 200}).accepted);
+  EXPECT_TRUE(flight.belief.protection_level_m(circle(5), kIntegrityRisk, circle(0)));
+}
+
+// However often: the map may be displaced as well.
+TEST(Belief, LooksNeverOverruleAStartThatTheyContradict) {
+  LookFlight flight = known_start();
+  for (int i = 0; i < 50; ++i) EXPECT_FALSE(flight.fly(Eigen::Vector2d(0, 80), 8).accepted) << i;
+  const Eigen::Matrix2d spread = flight.belief.spread_m2(circle(8));
+  EXPECT_GT(std::sqrt(spread(1, 1)), 60) << "the published ellipse covers both";
+}
+
+TEST(Belief, AfterAHintTheyDo) {
+  LookFlight flight = known_start();
+  for (int i = 0; i < 5; ++i) flight.fly(Eigen::Vector2d(0, 80), 8);
+  flight.belief.on_hint();
+  EXPECT_TRUE(flight.fly(Eigen::Vector2d(0, 80), 8).accepted);
+}
+
+TEST(Belief, AStartFromBeforeARestartIsOverruled) {
+  LookFlight flight = known_start();
+  flight.stands = false;
+  int looks = 1;
+  while (!flight.fly(Eigen::Vector2d(0, 80), 8).accepted) ASSERT_LT(++looks, 6);
+}
+
+TEST(Belief, AnEarlierAnchorIsOverruledAfterSomeFootprints) {
+  LookFlight flight = known_start();
+  ASSERT_TRUE(flight.fly(Eigen::Vector2d(0, 0), 8).accepted);
+  int looks = 1;
+  while (!flight.fly(Eigen::Vector2d(0, 80), 8).accepted) ASSERT_LT(++looks, 20);
+  EXPECT_GE(looks, kOverrulingFootprints);
+}
+
+TEST(Belief, AFrameThatDoesNotContinueTheTrackCannotMoveItAlone) {
+  LookFlight flight = known_start(60);
+  Look look = look_at({0, 0}, 180, PlanePoint{70, 0}, 8);
+  look.continues_track = false;
+  EXPECT_FALSE(flight.belief.update(look, track({0, 0}, 60)).accepted);
+}
+
+TEST(Belief, FindingNothingIsNoEvidenceForElsewhereWhereTheMapMayNotShowThePlace) {
+  LookFlight flight = known_start();
+  ASSERT_TRUE(flight.fly(Eigen::Vector2d(0, 0), 8).accepted);
+  for (int i = 0; i < 100; ++i) EXPECT_FALSE(flight.fly(std::nullopt, 0).accepted);
+  EXPECT_GT(flight.belief.track_probability(), 0.99);
+}
+
+TEST(ProtectionLevel, IsTheRayleighQuantileOfOneSharpTrack) {
+  const PlaceBelief sure(0, kArea_m2);
+  const double level_m = sure.protection_level_m(circle(3), 1e-5, circle(4)).value();
+  EXPECT_NEAR(level_m, 5 * std::sqrt(-2 * std::log(1e-5)), 1e-6);
+}
+
+TEST(ProtectionLevel, HoldsEveryPlaceThatCountsForMoreThanTheRisk) {
+  LookFlight flight = known_start();
+  ASSERT_TRUE(flight.fly(Eigen::Vector2d(0, 0), 8).accepted);
+  const double alone_m = flight.belief.protection_level_m(circle(8), 1e-5, circle(0)).value_or(1e9);
+  for (int i = 0; i < 2; ++i) flight.fly(Eigen::Vector2d(0, 120), 6);
+  const auto both = flight.belief.protection_level_m(circle(8), 1e-5, circle(0));
+  EXPECT_TRUE(!both || *both > 120);
+  EXPECT_LT(alone_m, 60);
+}
+
+TEST(ProtectionLevel, GrowsWithTheTimeSinceTheLastLookUntilThereIsNone) {
+  PlaceBelief belief(0, kArea_m2);
+  double before_m = 0;
+  for (int minute = 0; minute < 10; ++minute) {
+    const double level_m = belief.protection_level_m(circle(8), kIntegrityRisk, circle(0)).value();
+    EXPECT_GT(level_m, before_m);
+    before_m = level_m;
+    belief.propagate(60);
+  }
+  belief.propagate(3600);
+  EXPECT_FALSE(belief.protection_level_m(circle(8), kIntegrityRisk, circle(0)));
+}
+
+TEST(Belief, NoSequenceOfLooksBreaksIt) {
+  for (std::uint64_t seed = 0; seed < 200; ++seed) {
+    Random random(seed);
+    PlaceBelief belief(random.uniform(0, 1), kArea_m2);
+    PlanePoint at{0, 0};
+    for (int i = 0; i < 60; ++i) {
+      belief.propagate(random.uniform(-60, 600));
+      at.east_m += random.uniform(-100, 300);
+      std::optional<PlanePoint> found;
+      if (random.chance(0.8)) found = PlanePoint{at.east_m + random.normal(0, 200), random.normal(0, 200)};
+      Look look = look_at(at, random.uniform(1, 2000), found, random.uniform(-10, 10), random.uniform(0, 1));
+      look.continues_track = random.chance(0.7);
+      const auto prediction = track(at, random.uniform(0.5, 2000), random.chance(0.5));
+      belief.update(look, prediction);
+      if (random.chance(0.05)) belief.on_hint();
+      ASSERT_GE(belief.track_probability(), 0);
+      ASSERT_LE(belief.track_probability() + belief.elsewhere_probability(), 1 + 1e-9);
+      ASSERT_LE(belief.places(), kMaxPlaces);
+      ASSERT_TRUE(belief.spread_m2(prediction.covariance_m2).allFinite());
+      const auto level = belief.protection_level_m(prediction.covariance_m2, kIntegrityRisk, circle(1));
+      ASSERT_TRUE(!level || (std::isfinite(*level) && *level >= 0));
+    }
+  }
+}
+
+}  // namespace
+}  // namespace nadir
