@@ -11,18 +11,6 @@ using namespace parameters::anchor_measurement;
 
 // ---- Gates
 
-double attitude_deviation_sigmas(const SolvedPose& solved, const AnchorPrior& prior) {
-  const Attitude& found = solved.pose.attitude;
-  const Attitude& predicted = prior.search.pose.attitude;
-  const Eigen::Vector2d tilt(found.pitch_rad - predicted.pitch_rad, found.roll_rad - predicted.roll_rad);
-  const Eigen::Matrix2d tilt_spread =
-      prior.tilt_covariance_rad2 + kTiltModelError_rad * kTiltModelError_rad * Eigen::Matrix2d::Identity();
-  const double tilt_sigmas = std::sqrt(tilt.dot(tilt_spread.inverse() * tilt) / 2);
-  const double height_sigmas = std::abs(std::log(solved.pose.agl_m / prior.search.pose.agl_m)) /
-                               std::hypot(prior.log_agl_sigma, kHeightModelError);
-  return std::max(tilt_sigmas, height_sigmas);
-}
-
 namespace {
 
 // corroborated_closely: a sharp prediction agrees, and the patches agree more closely than by chance.

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "estimation/estimate.hpp"
+#include "estimation/look_likelihood.hpp"
 #include "vision/localizer_parameters.hpp"
 #include "vision/map_matcher.hpp"
 
@@ -33,9 +34,6 @@ struct AnchorPrediction {
   bool odometry_linked = false;      // odometry tracked from the previous frame to this one
   bool tracking_broken = false;      // the frame does not continue the previous one, although they should overlap
 };
-
-// Deviation of the solved attitude and height from the prediction, in sigmas of the prediction (the larger of both).
-double attitude_deviation_sigmas(const SolvedPose& solved, const AnchorPrior& prior);
 
 // A sharp prediction agrees with the match.
 bool corroborated(const AnchorPrediction& prediction, const GateLimits& limits = {});
