@@ -213,12 +213,7 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
     }
     if (result.accepted) {
       // What is left of the track: the candidate was a chance peak, and the track is where it was.
-      if (by_track.beside > 0) {
-        at.weight.visible += track_.visible;
-        at.weight.hidden += track_.hidden;
-      } else {
-        places_.push_back({track_, Eigen::Vector2d::Zero(), track.covariance_m2, 0, false, 0});
-      }
+      add({track_, Eigen::Vector2d::Zero(), track.covariance_m2, 0, false, 0});
       track_ = at.weight;
       track_believed_ = anchored_ = true;
       hinted_ = false;
@@ -227,11 +222,31 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
       at.weight.hidden += places_[target].weight.hidden;
       places_[target] = at;
     } else {
-      places_.push_back(at);
+      add(at);
     }
   }
   normalize();
   return result;
+}
+
+// As one with a place that it hardly differs from.
+void PlaceBelief::add(const Place& added) {
+  for (Place& place : places_) {
+    const Eigen::Vector2d off = added.offset_m - place.offset_m;
+    const double all = place.weight.total() + added.weight.total();
+    if (place.contradicts != added.contradicts || all <= 0) continue;
+    if (chi2_of(off, place.covariance_m2) > kSamePlace_chi2 || chi2_of(off, added.covariance_m2) > kSamePlace_chi2) {
+      continue;
+    }
+    const double share = added.weight.total() / all;
+    place.offset_m += share * off;
+    place.covariance_m2 =
+        (1 - share) * place.covariance_m2 + share * added.covariance_m2 + share * (1 - share) * off * off.transpose();
+    place.weight.visible += added.weight.visible;
+    place.weight.hidden += added.weight.hidden;
+    return;
+  }
+  places_.push_back(added);
 }
 
 void PlaceBelief::normalize() {

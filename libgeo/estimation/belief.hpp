@@ -117,6 +117,7 @@ class PlaceBelief {
   // As the track's covariance has grown since.
   static Eigen::Matrix2d grown_m2(const Place& place, const Eigen::Matrix2d& track_covariance_m2);
   void change_visibility(double new_ground);
+  void add(const Place& added);
   void normalize();
 
   double area_m2_;

@@ -50,10 +50,16 @@ struct PublishedTrack {
   std::vector<Estimate> estimates;
 };
 
+struct LastLook {
+  double time_s = 0;
+  int segment = 0;
+  PlanePoint position;  // of the track
+};
+
 struct MatchState {
   bool job_out = false;  // a frame is being matched with the map
   bool last_failed = false;
-  std::optional<TrackPrediction> last_track;  // at the last look
+  std::optional<LastLook> last;
 };
 
 // Where a lost aircraft is searched: chosen with the frame, searched by its job.
@@ -261,17 +267,8 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
     if (job->match->on_map) result = s.belief.update(look, job->context.track);
     report.anchor = anchor_report(*job->match, job->context, look, result);
     s.window.record_attempt(report.anchor.verdict);
-    if (getenv("DBG"))
-      fprintf(stderr,
-              "L %zu %s lnl %.2f ratio %.2f score %.2f in %d/%d chi2 %.2f doubt %.3g assoc %.3g s %.2f sig %.1f places "
-              "%zu track %.4g else %.4g\n",
-              job->step, std::string(name_of(report.anchor.verdict)).c_str(), report.anchor.log_likelihood_ratio,
-              report.anchor.ratio, report.anchor.score, report.anchor.inliers, report.anchor.patches,
-              report.anchor.chi2, result.place_doubt, result.association_doubt, job->context.new_ground,
-              std::sqrt(job->context.track.covariance_m2.trace() / 2), s.belief.places(), s.belief.track_probability(),
-              s.belief.elsewhere_probability());
     s.matching.last_failed = !result.accepted;
-    s.matching.last_track = job->context.track;
+    s.matching.last = {job->time_s, job->segment, job->context.track.position};
     // The filter has not expected it there.
     if (result.accepted && result.chi2 > kChi2_999) {
       s.steps[job->step].contradicted_anchor_sigma_m = (look.candidate->position - job->context.track.position).norm();
@@ -399,11 +396,15 @@ bool Localizer::Impl::too_low_to_match() const {
 
 // Share of the footprint that the last look did not show, as far as is known.
 double Localizer::Impl::new_ground() const {
-  if (!matching.last_track) return 1;
-  const TrackPrediction& last = *matching.last_track;
-  const double variance_m2 = (filter->position_covariance_m2() - last.covariance_m2).trace() / 2;
-  const double way_m = (filter->position() - last.position).norm();
-  return std::min(1.0, std::sqrt(way_m * way_m + std::max(0.0, variance_m2)) / footprint_m());
+  if (!matching.last) return 1;
+  double way_m = (filter->position() - matching.last->position).norm();
+  if (matching.last->segment != tracking.segment()) {  // nothing measured the way
+    const auto& covariance = filter->covariance();
+    const double speed_variance =
+        covariance.block<2, 2>(FlightFilter::velocity_east, FlightFilter::velocity_east).trace();
+    way_m = std::hypot(way_m, std::sqrt(speed_variance) * (telemetry.last.time_s - matching.last->time_s));
+  }
+  return std::min(1.0, way_m / footprint_m());
 }
 
 std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
@@ -564,7 +565,7 @@ FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const Anchor
 
   last_anchor = LastAnchor{job.time_s, match.solved->pose.position, match.solved->inliers, match.search.ratio};
   published.withheld_m.setZero();
-  matching.last_track = {filter->position(), filter->position_covariance_m2()};
+  matching.last->position = filter->position();
   belief.on_track_moved(filter->position() - job.context.track.position, filter->position_covariance_m2());
   operator_hint.reset();
   placed = true;

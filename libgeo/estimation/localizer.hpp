@@ -30,7 +30,7 @@ namespace nadir {
 class CheckedTiles;
 
 struct LocalizerConfig {
-  double integrity_risk = parameters::belief::kIntegrityRisk;    // per look, beyond the protection level
+  double integrity_risk = parameters::belief::kIntegrityRisk;   // per look, beyond the protection level
   double start_sigma_m = parameters::localizer::kStartSigma_m;  // of the start position, one axis
   // The start is what this flight knew before its program was restarted. The map has matched the flight before, so
   // that frames which agree with each other overrule such a start. They do not overrule any other start: the map may be

@@ -15,21 +15,20 @@ int main(int argc, char** argv) {
   CLI::App app("What thresholds accept of correct and of wrong matches.", "roc");
   RunOptions options;
   options.count = 2000;
-  options.add_to(app, "trials");
+  options.add_to(app, "looks");
   std::filesystem::path plot;
   app.add_option("--svg", plot, "draw the curves into this file");
   CLI11_PARSE(app, argc, argv);
   try {
     cv::setNumThreads(1);
     keep_freed_memory();
-    const Worlds worlds(options.count == 0 ? 0 : options.worlds);  // none only to print the tables
-    const Photographer photographer(camera_file().camera);
-    const Trials trials =
-        run_all<Trial>(options, trial_header(options.seed, options.worlds), trial_of,
-                       [&](std::uint64_t i) { return try_match(worlds, photographer, options.seed, i); });
-    std::cout << tables(trials);
-    if (!plot.empty()) write_file_atomic(plot, roc_svg(trials));
-    const Shares gates = shares_if(trials, [](const Trial& t) { return t.accepted(); });
+    const Purpose purpose = purpose_of(options.seed);
+    const Grounds grounds(purpose, options.worlds, first_world(purpose), {});  // painted worlds alone
+    const Looks looks = run_all<Look>(options, look_header(options.seed, {}, grounds), look_of,
+                                      [&](std::uint64_t i) { return take_look(grounds, {}, options.seed, i); });
+    std::cout << tables(looks);
+    if (!plot.empty()) write_file_atomic(plot, roc_svg(looks));
+    const Shares gates = shares_if(looks, [](const Look& t) { return t.accepted(); });
     return gates.wrong_count == 0 ? 0 : 1;
   } catch (const std::exception& error) {
     std::cerr << "roc: " << error.what() << "\n";

@@ -10,7 +10,7 @@ namespace nadir::bench {
 namespace {
 
 constexpr double kLeft = 70, kTop = 30, kWidth = 520, kHeight = 360;
-constexpr std::array kColours = {"#1b6ca8", "#c0562f", "#4b8b3b", "#7a4b9e"};
+constexpr std::array kColours = {"#1b6ca8", "#c0562f", "#4b8b3b", "#111111", "#7a4b9e"};
 
 // Logarithmic in the wrong ones; all below `least` lies on the left edge.
 double x_of(double wrong, double least) {
@@ -18,15 +18,15 @@ double x_of(double wrong, double least) {
 }
 double y_of(double right) { return kTop + kHeight * (1 - right); }
 
-std::string curve(const Trials& trials, const Measure& measure, double least) {
+std::string curve(const Looks& looks, const Measure& measure, double least) {
   std::vector<double> values;
-  for (const auto& [index, t] : trials) values.push_back(measure.value(t));
+  for (const auto& [index, t] : looks) values.push_back(measure.value(t));
   std::sort(values.rbegin(), values.rend());
   values.erase(std::unique(values.begin(), values.end()), values.end());
   std::string points;
   const std::size_t stride = std::max<std::size_t>(1, values.size() / 400);
   for (std::size_t i = 0; i < values.size(); i += stride) {
-    const Shares shares = shares_if(trials, [&](const Trial& t) { return measure.value(t) >= values[i]; });
+    const Shares shares = shares_if(looks, [&](const Look& t) { return measure.value(t) >= values[i]; });
     points += fmt::format("{:.1f},{:.1f} ", x_of(shares.wrong, least), y_of(shares.right));
   }
   return points;
@@ -54,9 +54,9 @@ std::string axes(double least) {
 
 }  // namespace
 
-std::string roc_svg(const Trials& trials) {
+std::string roc_svg(const Looks& looks) {
   const auto knocked_out = static_cast<double>(
-      std::count_if(trials.begin(), trials.end(), [](const auto& entry) { return !entry.second.holds_place(); }));
+      std::count_if(looks.begin(), looks.end(), [](const auto& entry) { return !entry.second.holds_place(); }));
   const double least = 0.5 / std::max(1.0, knocked_out);
   std::string svg =
       "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 640 460' font-family='sans-serif' font-size='13'>\n"
@@ -64,11 +64,11 @@ std::string roc_svg(const Trials& trials) {
       axes(least);
   for (std::size_t i = 0; i < measures().size(); ++i) {
     svg += fmt::format("<polyline fill='none' stroke='{}' stroke-width='2' points='{}'/>\n", kColours[i],
-                       curve(trials, measures()[i], least));
-    svg += text(kLeft + kWidth - 12, kTop + kHeight - 88 + 18 * static_cast<double>(i), measures()[i].name + " alone",
+                       curve(looks, measures()[i], least));
+    svg += text(kLeft + kWidth - 12, kTop + kHeight - 106 + 18 * static_cast<double>(i), measures()[i].name + " alone",
                 "end", fmt::format("fill='{}'", kColours[i]).c_str());
   }
-  const Shares gates = shares_if(trials, [](const Trial& t) { return t.accepted(); });
+  const Shares gates = shares_if(looks, [](const Look& t) { return t.accepted(); });
   svg += fmt::format("<circle cx='{:.1f}' cy='{:.1f}' r='6' fill='black'/>\n", x_of(gates.wrong, least),
                      y_of(gates.right));
   svg += text(kLeft + kWidth - 12, kTop + kHeight - 16, "all gates (dot)", "end");

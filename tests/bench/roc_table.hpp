@@ -1,22 +1,19 @@
-// Trials as tables and curves: what a threshold accepts of correct and of wrong matches.
+// Looks as tables and curves: what a threshold accepts of correct and of wrong matches.
 #pragma once
 
 #include <functional>
-#include <map>
 #include <string>
 #include <vector>
 
-#include "roc_trial.hpp"
+#include "look.hpp"
 
 namespace nadir::bench {
 
-using Trials = std::map<std::uint64_t, Trial>;
-
 struct Measure {
   std::string name;
-  std::function<double(const Trial&)> value;  // more is better
-  std::vector<double> thresholds;             // for the table
-  double sign = 1;                            // −1: shown reversed, less is better
+  std::function<double(const Look&)> value;  // more is better
+  std::vector<double> thresholds;            // for the table
+  double sign = 1;                           // −1: shown reversed, less is better
 };
 const std::vector<Measure>& measures();
 
@@ -25,9 +22,9 @@ struct Shares {
   double wrong = 0;  // accepted, of the windows that do not; plus accepted far from the place in those that do
   int right_count = 0, wrong_count = 0;
 };
-Shares shares_if(const Trials& trials, const std::function<bool(const Trial&)>& accepts);
+Shares shares_if(const Looks& looks, const std::function<bool(const Look&)>& accepts);
 
-std::string tables(const Trials& trials);
-std::string roc_svg(const Trials& trials);
+std::string tables(const Looks& looks);
+std::string roc_svg(const Looks& looks);
 
 }  // namespace nadir::bench

@@ -20,22 +20,27 @@ Photographer::Photographer(const CameraModel& camera) : camera_(camera) {
 }
 
 cv::Mat Photographer::photograph(const World& world, const CameraPose& pose) const {
+  return photograph(world.day, kWorldGsd_m, world.terrain, pose);
+}
+
+cv::Mat Photographer::photograph(const cv::Mat& ground, double gsd_m, const GroundSurface& surface,
+                                 const CameraPose& pose) const {
   const Eigen::Matrix3d rotation = enu_from_camera(pose.attitude);
-  const double ground_m = world.terrain.height_m(pose.position);
+  const double ground_m = surface.height_m(pose.position);
   cv::Mat_<cv::Vec2f> from(camera_.height, camera_.width);
   for (std::size_t i = 0; i < rays_.size(); ++i) {
     const Eigen::Vector3d ray = rotation * rays_[i];
     const double fall = std::max(0.1, -ray.z());
     PlanePoint place = pose.position;
     for (int round = 0; round < 3; ++round) {  // gentle hills: the height at the previous iterate is close enough
-      const double along = (pose.agl_m + ground_m - world.terrain.height_m(place)) / fall;
+      const double along = (pose.agl_m + ground_m - surface.height_m(place)) / fall;
       place = {pose.position.east_m + along * ray.x(), pose.position.north_m + along * ray.y()};
     }
-    const cv::Point2f pixel(pixel_of(place));
+    const cv::Point2f pixel(pixel_of(place, ground.size(), gsd_m));
     from(static_cast<int>(i)) = {pixel.x, pixel.y};
   }
   cv::Mat picture;
-  cv::remap(world.day, picture, from, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REFLECT);
+  cv::remap(ground, picture, from, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REFLECT);
   return picture;
 }
 

@@ -16,6 +16,8 @@ class Photographer {
   explicit Photographer(const CameraModel& camera);
   // Intersects every pixel's ray with the terrain; BGR, without sensor noise.
   cv::Mat photograph(const World& world, const CameraPose& pose) const;
+  // Of any image of the ground; its middle is (0, 0).
+  cv::Mat photograph(const cv::Mat& ground, double gsd_m, const GroundSurface& surface, const CameraPose& pose) const;
 
  private:
   CameraModel camera_;

@@ -40,7 +40,7 @@ Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
   const Flight flight = make_flight(hash_of(base_seed, static_cast<std::int64_t>(index)), worlds_.all, photographer_);
   const World& world = *worlds_.all[flight.world];
   const TileSource& right = tiles_of(flight);
-  const PictureTiles shifted(world.satellite, flight.shift);
+  const PictureTiles shifted(world.satellite, {.shift = flight.shift});
   const JoinedTiles joined(right, shifted, flight.border.value_or(Border{}));
   const bool whole = flight.condition->fault == Fault::map_shift, part = flight.border.has_value();
   const TileSource* map = whole ? static_cast<const TileSource*>(&shifted) : part ? &joined : &right;

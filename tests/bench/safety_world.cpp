@@ -31,10 +31,12 @@ const LocalFrame& frame() {
   return local;
 }
 
-cv::Point2d pixel_of(PlanePoint place) {
-  const GroundPoint spot = spot_of(place);
-  return {spot.x / kWorldGsd_m - 0.5, (kWorldSide_m - spot.y) / kWorldGsd_m - 0.5};
+cv::Point2d pixel_of(PlanePoint place, cv::Size size, double gsd_m) {
+  const double width_m = size.width * gsd_m, height_m = size.height * gsd_m;
+  return {(place.east_m + width_m / 2) / gsd_m - 0.5, (height_m - (place.north_m + height_m / 2)) / gsd_m - 0.5};
 }
+
+cv::Point2d pixel_of(PlanePoint place) { return pixel_of(place, {kSide_px, kSide_px}, kWorldGsd_m); }
 
 Terrain::Terrain(const Relief& relief) : relief_(relief), level_m_(relief.at(spot_of({}))) {}
 
@@ -65,8 +67,10 @@ std::optional<Bytes> PictureTiles::cut(const TileKey& key) const {
   const auto source = [&](int column, int row) {
     const PlanePoint at = frame().plane_from_lonlat(lonlat_from_pixel(
         {static_cast<double>(key.x) * kTileSize + column, static_cast<double>(key.y) * kTileSize + row}, key.z));
-    const PlanePoint place{at.east_m - shift_.east_m, at.north_m - shift_.north_m};
-    return cv::Point2f(pixel_of({mirrored_ ? -place.east_m : place.east_m, place.north_m}));
+    PlanePoint place{at.east_m - placement_.shift.east_m, at.north_m - placement_.shift.north_m};
+    if (placement_.orientation == MapOrientation::mirrored) place.east_m = -place.east_m;
+    if (placement_.orientation == MapOrientation::quarter_turn) place = {place.north_m, -place.east_m};
+    return cv::Point2f(pixel_of(place, picture_.size(), placement_.gsd_m));
   };
   // Within a tile the plane is practically affine. Pixel centres lie half a pixel inside of the corners.
   const cv::Point2f from[] = {source(0, 0), source(kTileSize, 0), source(0, kTileSize)};
@@ -89,7 +93,7 @@ World::World(std::uint64_t seed)
       terrain(land.relief),
       map_sigma_m(map_sigma_from_ce90(map_ce90_m(land))),
       map(satellite),
-      mirrored_map(satellite, {}, true) {}
+      mirrored_map(satellite, {.orientation = MapOrientation::mirrored}) {}
 
 cv::Mat outdated(const World& world, const World& donor, std::uint64_t seed) {
   Random random(seed);
@@ -108,8 +112,10 @@ cv::Mat outdated(const World& world, const World& donor, std::uint64_t seed) {
   return result;
 }
 
-Worlds::Worlds(int count) {
-  for (int i = 0; i < count; ++i) all.push_back(std::make_unique<World>(static_cast<std::uint64_t>(i) + 1));
+Worlds::Worlds(int count, std::uint64_t first_seed) {
+  for (int i = 0; i < count; ++i) {
+    all.push_back(std::make_unique<World>(first_seed + static_cast<std::uint64_t>(i)));
+  }
   for (std::size_t i = 0; i < all.size(); ++i) old_pictures.push_back(outdated(*all[i], neighbour(i), i));
   for (const cv::Mat& picture : old_pictures) old_maps.push_back(std::make_unique<PictureTiles>(picture));
 }

@@ -21,8 +21,10 @@ inline constexpr int kMapZoom = 17;  // 0.79 m
 
 const LocalFrame& frame();
 
-// An image of the whole world, 8 bit BGR, north up.
-cv::Point2d pixel_of(PlanePoint place);  // pixel centres at +0.0, as OpenCV resamples
+// Where a position lies in an image, 8 bit BGR, north up, whose middle is (0, 0); pixel centres at +0.0, as OpenCV
+// resamples.
+cv::Point2d pixel_of(PlanePoint place, cv::Size size, double gsd_m);
+cv::Point2d pixel_of(PlanePoint place);  // in an image of a whole world
 
 class Terrain final : public GroundSurface {
  public:
@@ -37,22 +39,34 @@ class Terrain final : public GroundSurface {
 
 TileKey tile_under(PlanePoint place);
 
+// How an image becomes a map.
+enum class MapOrientation {
+  as_it_is,
+  mirrored,      // east is west
+  quarter_turn,  // east is north
+};
+struct MapPlacement {
+  double gsd_m = kWorldGsd_m;  // of the image
+  int zoom = kMapZoom;
+  PlanePoint shift{};  // what lies at p appears at p + shift
+  MapOrientation orientation = MapOrientation::as_it_is;
+};
+
 // An image as tiles, encoded on first use. Safe for several threads.
 class PictureTiles final : public TileSource {
  public:
-  // shift: what lies at p appears at p + shift. mirrored: east is west. The image must outlive the tiles.
-  PictureTiles(const cv::Mat& picture, PlanePoint shift = {}, bool mirrored = false)
-      : picture_(picture), shift_(shift), mirrored_(mirrored) {}
+  // The image must outlive the tiles.
+  explicit PictureTiles(const cv::Mat& picture, const MapPlacement& placement = {})
+      : picture_(picture), placement_(placement) {}
 
-  ZoomRange zooms() const override { return {kMapZoom, kMapZoom}; }
+  ZoomRange zooms() const override { return {placement_.zoom, placement_.zoom}; }
   std::optional<Bytes> read(const TileKey& key) const override;
 
  private:
   std::optional<Bytes> cut(const TileKey& key) const;
 
   const cv::Mat& picture_;
-  PlanePoint shift_;
-  bool mirrored_;
+  MapPlacement placement_;
   mutable std::mutex mutex_;
   mutable std::map<TileKey, std::optional<Bytes>> known_;
 };
@@ -96,9 +110,9 @@ struct World {
 // The satellite image with half of the ground rebuilt: parts of another world.
 cv::Mat outdated(const World& world, const World& donor, std::uint64_t seed);
 
-// As many as asked for, and an outdated map of each.
+// As many as asked for, of consecutive seeds, and an outdated map of each.
 struct Worlds {
-  explicit Worlds(int count);
+  explicit Worlds(int count, std::uint64_t first_seed = 1);
   const World& neighbour(std::size_t i) const { return *all[(i + 1) % all.size()]; }
 
   std::vector<std::unique_ptr<World>> all;

@@ -127,7 +127,7 @@ TileTrial TileTrials::fly(std::uint64_t base_seed, std::uint64_t index) const {
   const Flight flight = make_flight(hash_of(base_seed, static_cast<std::int64_t>(index)), worlds_.all, photographer_);
   const World& world = *worlds_.all[flight.world];
   const Fault fault = flight.condition->fault;
-  const PictureTiles shifted(world.satellite, flight.shift);
+  const PictureTiles shifted(world.satellite, {.shift = flight.shift});
   const JoinedTiles joined(world.map, shifted, flight.border.value_or(Border{}));
   const TileSource* map = &world.map;
   if (fault == Fault::old_map) map = worlds_.old_maps[flight.world].get();

@@ -1,0 +1,272 @@
+#include "look.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Eigenvalues>
+#include <array>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+#include <optional>
+#include <sstream>
+
+#include "base/error.hpp"
+#include "estimation/anchor_acceptance.hpp"
+#include "geodesy/angles.hpp"
+#include "imagery/codecs.hpp"
+#include "simulation/camera_sensor.hpp"
+#include "simulation/noise.hpp"
+
+namespace nadir::bench {
+namespace {
+
+constexpr double kClear_m = 60;   // distance of a place outside the searched positions, times the ground's unit
+constexpr double kLost_m = 800;   // half side of the window of an aircraft that is lost
+constexpr int kPlaceTries = 200;  // for a footprint on what the picture shows
+
+// What is drawn of one look before it is matched.
+struct Scene {
+  const Ground& ground;
+  CameraPose truth;  // of recorded frames: only what is known of it
+  CameraModel camera;
+  cv::Mat grey;
+  AnchorPrior prior;  // its position is the window's middle
+  const TileSource* map = nullptr;
+  double searched_area_m2 = 0;
+};
+
+// The picture shows all of the frame's footprint, even where the camera is tilted.
+bool shown(const Ground& ground, const CameraPose& pose) {
+  const double reach_m = 0.9 * pose.agl_m;
+  for (const double east : {-1.0, 0.0, 1.0}) {
+    for (const double north : {-1.0, 0.0, 1.0}) {
+      const cv::Point at(
+          pixel_of({pose.position.east_m + east * reach_m * 0.8, pose.position.north_m + north * reach_m * 0.8},
+                   ground.picture.size(), ground.picture_gsd_m));
+      if (!cv::Rect({}, ground.picture.size()).contains(at)) return false;
+      if (!ground.seen.empty() && ground.seen.at<std::uint8_t>(at) == 0) return false;
+    }
+  }
+  return true;
+}
+
+// The lower the smaller the footprint: there is always a place for it.
+CameraPose draw_pose(const Ground& ground, Random& random) {
+  CameraPose pose;
+  const bool gimbal = random.chance(0.4);
+  pose.attitude = {random.uniform(-kPi, kPi),
+                   gimbal ? random.normal(0, radians(1)) : random.normal(radians(1.5), radians(4)),
+                   gimbal ? random.normal(0, radians(1)) : random.normal(0, radians(6))};
+  const double width_m = ground.picture.cols * ground.picture_gsd_m,
+               height_m = ground.picture.rows * ground.picture_gsd_m;
+  double highest_m = ground.largest_agl_m;
+  for (int i = 0; i < kPlaceTries; ++i, highest_m = std::max(ground.least_agl_m, 0.98 * highest_m)) {
+    pose.agl_m = ground.least_agl_m * std::pow(highest_m / ground.least_agl_m, random.uniform());
+    pose.position = {random.uniform(-0.5, 0.5) * width_m, random.uniform(-0.5, 0.5) * height_m};
+    if (shown(ground, pose)) return pose;
+  }
+  throw Error({.what = "no place of the picture holds a frame", .where = ground.name});
+}
+
+cv::Mat spoilt(cv::Mat picture, Look& look, Random& random) {
+  const double kind = random.uniform();
+  look.picture = kind < 0.5 ? "clear" : kind < 0.7 ? "old" : kind < 0.8 ? "clouds" : kind < 0.9 ? "blur" : "night";
+  if (look.picture == "clouds") add_clouds(picture, random.uniform(0.2, 0.8), random);
+  if (look.picture == "blur") cv::GaussianBlur(picture, picture, cv::Size(), random.uniform(2, 6));
+  if (look.picture == "night") make_night(picture, random);
+  cv::cvtColor(picture, picture, cv::COLOR_BGR2GRAY);
+  return picture;
+}
+
+// What the telemetry says: how well heading and tilt are known differs from aircraft to aircraft.
+AnchorPrior draw_prior(const Scene& scene, double radius_m, Random& random) {
+  const TelemetryUncertainty stated = scene.ground.camera.uncertainty;
+  const bool recorded = !scene.ground.frames.empty();
+  const double heading_kind = random.uniform(), tilt_kind = random.uniform();
+  const bool any_heading = heading_kind > 0.97 && radius_m <= 130 * scene.ground.unit;
+  const double heading_sigma_rad = recorded || heading_kind < 0.8 ? stated.heading_rad
+                                   : heading_kind < 0.92          ? radians(6)
+                                                                  : radians(15);
+  const double tilt_sigma_rad = recorded || tilt_kind < 0.65 ? stated.tilt_rad : tilt_kind < 0.87 ? radians(5.5) : 0.35;
+  const double agl_sigma = recorded || tilt_kind < 0.8 ? stated.agl_relative : 0.07;
+  AnchorPrior prior;
+  prior.search.pose = scene.truth;
+  Attitude& attitude = prior.search.pose.attitude;
+  if (!recorded) {
+    prior.search.pose.agl_m *= std::exp(random.normal(0, agl_sigma));
+    attitude.heading_rad += any_heading ? random.uniform(-kPi, kPi) : random.normal(0, heading_sigma_rad);
+    // A tilt that is not measured is taken for level.
+    const bool measured = tilt_sigma_rad == stated.tilt_rad;
+    attitude.pitch_rad = measured ? attitude.pitch_rad + random.normal(0, tilt_sigma_rad) : 0;
+    attitude.roll_rad = measured ? attitude.roll_rad + random.normal(0, tilt_sigma_rad) : 0;
+  }
+  prior.search.radius_m = radius_m;
+  prior.search.heading_range_rad = any_heading ? kPi : parameters::search_window::kHeadingSigmas * heading_sigma_rad;
+  prior.search.scale_range = parameters::search_window::kScaleSigmas * agl_sigma;
+  prior.heading_sigma_rad = any_heading ? kPi : heading_sigma_rad;
+  prior.log_agl_sigma = agl_sigma;
+  prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * tilt_sigma_rad * tilt_sigma_rad;
+  return prior;
+}
+
+// The middle of the searched square, from the true place.
+PlanePoint window_middle(const Look& look, const Ground& ground, PlanePoint truth, Random& random) {
+  const double r = look.radius_m;
+  if (look.window != "elsewhere") {
+    return {truth.east_m + random.uniform(-0.8, 0.8) * r, truth.north_m + random.uniform(-0.8, 0.8) * r};
+  }
+  // Towards the middle of the map, where there is most of it.
+  const bool along_east = random.chance(0.5);
+  const double away = r + ground.unit * (kClear_m + random.uniform(0, 100)), aside = random.uniform(-0.8, 0.8) * r;
+  const auto inward = [](double from, double by) { return from > 0 ? from - by : from + by; };
+  return along_east ? PlanePoint{inward(truth.east_m, away), truth.north_m + aside}
+                    : PlanePoint{truth.east_m + aside, inward(truth.north_m, away)};
+}
+
+// A turned map holds the place for whoever does not know the heading; a window that is nearly the map has no elsewhere.
+std::string draw_window(const Ground& ground, const LookPlan& plan, double radius_m, Random& random) {
+  const double kind = random.uniform(), rest = (kind - plan.right_share) / (1 - plan.right_share);
+  if (kind < plan.right_share) return "right";
+  if (rest < 0.4 && radius_m < 0.25 * std::min(ground.width_m, ground.height_m)) return "elsewhere";
+  if (rest < 0.6) return "mirrored";
+  if (rest < 0.75 || ground.others.empty()) return "turned";
+  return "other";
+}
+
+double overlap(double low_a, double high_a, double low_b, double high_b) {
+  return std::max(0.0, std::min(high_a, high_b) - std::max(low_a, low_b));
+}
+
+// Camera positions that are searched and lie over the map.
+double searched_area_m2(const Ground& map, const SearchPrior& search) {
+  const auto [east, north] = search.pose.position;
+  const double r = search.radius_m;
+  return overlap(east - r, east + r, -map.width_m / 2, map.width_m / 2) *
+         overlap(north - r, north + r, -map.height_m / 2, map.height_m / 2);
+}
+
+// Where the middle of the image meets flat ground.
+std::optional<PlanePoint> centre_of(const CameraModel& camera, const CameraPose& pose) {
+  return ground_from_ray(pose, camera.ray_from_pixel({camera.width / 2.0, camera.height / 2.0}));
+}
+
+void judge(Look& look, const Scene& scene, const AnchorMatch& match) {
+  look.features.ratio = match.search.ratio;
+  if (!match.search.places.empty()) look.features.score = match.search.places.front().score;
+  look.patches = match.patches;
+  if (!match.solved) return;
+  const SolvedPose& solved = *match.solved;
+  const auto centre = centre_of(scene.camera, solved.pose);
+  const Eigen::Matrix2d spread = anchor_model_error_factor(false) * solved.covariance.topLeftCorner<2, 2>();
+  look.camera_sigma_m = std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(spread).eigenvalues().maxCoeff());
+  if (scene.ground.truth_is_picture_centre) {
+    look.error_m = centre ? distance_m(*centre, scene.truth.position) : 1e4;
+    look.camera_error_m = look.error_m;
+    return;
+  }
+  look.camera_error_m = distance_m(solved.pose.position, scene.truth.position);
+  const auto true_centre = scene.ground.frames.empty() ? centre_of(scene.camera, scene.truth) : std::nullopt;
+  look.error_m = true_centre && centre ? distance_m(*centre, *true_centre) : look.camera_error_m;
+}
+
+Scene draw_scene(Look& look, const Grounds& grounds, const Ground& ground, std::uint64_t seed, Random& random) {
+  Scene scene{.ground = ground, .truth = {}, .camera = ground.camera.camera, .grey = {}, .prior = {}};
+  if (!ground.frames.empty()) {
+    const auto last = static_cast<int>(ground.frames.size()) - 1;
+    const RecordedFrame& frame = ground.frames[static_cast<std::size_t>(random.integer(0, last))];
+    look.picture = "clear";
+    scene.grey = read_image_file(frame.file, Colour::grey, 2);
+    scene.camera = scene.camera.scaled(0.5);
+    scene.camera.width = scene.grey.cols, scene.camera.height = scene.grey.rows;
+    scene.truth = {frame.truth, frame.agl_m, {frame.heading_rad, 0, 0}};
+  } else {
+    scene.truth = draw_pose(ground, random);
+    cv::Mat picture =
+        Photographer(scene.camera).photograph(ground.picture, ground.picture_gsd_m, *ground.surface, scene.truth);
+    const CameraSensor sensor({scene.camera.width, scene.camera.height}, scene.camera.fx, seed);
+    sensor.expose(picture, {{random.normal(0, 0.3), random.normal(0, 0.5)}, random.uniform(0.85, 1.25)}, 0);
+    scene.grey = spoilt(picture, look, random);
+  }
+  const Ground* map = &ground;
+  if (look.window == "other") {
+    const auto last = static_cast<int>(ground.others.size()) - 1;
+    map = &grounds.at(ground.others[static_cast<std::size_t>(random.integer(0, last))]);
+  }
+  if (look.picture == "old" && ground.old == nullptr) look.picture = "clear";
+  scene.map = look.window == "mirrored"                         ? map->mirrored
+              : look.window == "turned"                         ? map->turned
+              : look.picture == "old" && look.window != "other" ? map->old
+                                                                : map->map;
+  scene.prior = draw_prior(scene, look.radius_m, random);
+  PlanePoint& middle = scene.prior.search.pose.position;
+  middle = window_middle(look, ground, scene.truth.position, random);
+  if (look.window == "other") {
+    const double r = std::min(look.radius_m, 0.4 * std::min(map->width_m, map->height_m));
+    middle = {random.uniform(-1, 1) * (map->width_m / 2 - r), random.uniform(-1, 1) * (map->height_m / 2 - r)};
+  }
+  if (look.window == "turned") middle = {-middle.north_m, middle.east_m};  // over what was there
+  // Nothing is turned for whoever does not know the heading.
+  if (look.window == "turned" && scene.prior.search.heading_range_rad > 1)
+    look.window = "mirrored", scene.map = map->mirrored;
+  scene.searched_area_m2 = searched_area_m2(*map, scene.prior.search);
+  return scene;
+}
+
+}  // namespace
+
+Look take_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed, std::uint64_t index) {
+  const std::uint64_t seed = hash_of(base_seed, static_cast<std::int64_t>(index), 1);
+  Random random(seed);
+  const bool real = !grounds.real().empty() && random.chance(plan.real_share);
+  const auto& among = real || grounds.painted().empty() ? grounds.real() : grounds.painted();
+  const Ground& ground = among[static_cast<std::size_t>(random.integer(0, static_cast<int>(among.size()) - 1))];
+  Look look;
+  look.index = index;
+  look.ground = ground.name;
+  look.tolerance_m = ground.tolerance_m;
+  const double size = random.uniform();
+  look.radius_m = ground.unit * (size < 0.5 ? 60 : size < 0.78 ? 120 : size < 0.95 ? 250 : kLost_m);
+  look.window = draw_window(ground, plan, look.radius_m, random);
+  const Scene scene = draw_scene(look, grounds, ground, seed, random);
+  look.agl_m = scene.truth.agl_m;
+  const AnchorMatch match =
+      make_channel_matcher({scene.camera, *scene.map, frame(), *ground.surface})->match(scene.grey, scene.prior);
+  if (match.solved) look.features = features_of(match, scene.prior, scene.searched_area_m2);
+  judge(look, scene, match);
+  look.verdict = name_of(evaluate_anchor(match, scene.prior, {0, look.radius_m / 3, false}));
+  return look;
+}
+
+std::string look_header(std::uint64_t base_seed, const LookPlan& plan, const Grounds& grounds) {
+  return fmt::format(
+      "# nadir bench looks, base seed {}, {:g} real, {:g} right, grounds: "
+      "{}\nindex,ground,window,picture,verdict,radius_m,"
+      "agl_m,patches,{},error_m,camera_error_m,camera_sigma_m,tolerance_m\n",
+      base_seed, plan.real_share, plan.right_share, grounds.names(), fmt::join(LookFeatures::names, ","));
+}
+
+std::string line(const Look& l) {
+  return fmt::format("{},{},{},{},{},{:.0f},{:.0f},{},{:.5f},{:.2f},{:.2f},{:.2f},{:.0f}\n", l.index, l.ground,
+                     l.window, l.picture, l.verdict, l.radius_m, l.agl_m, l.patches,
+                     fmt::join(l.features.values(), ","), l.error_m, l.camera_error_m, l.camera_sigma_m, l.tolerance_m);
+}
+
+Look look_of(const std::string& text) {
+  std::istringstream in(text);
+  Look l;
+  char comma = 0;
+  in >> l.index >> comma;
+  for (std::string* cell : {&l.ground, &l.window, &l.picture, &l.verdict}) std::getline(in, *cell, ',');
+  LookFeatures& f = l.features;
+  for (double* value : {&l.radius_m, &l.agl_m}) in >> *value >> comma;
+  in >> l.patches >> comma;
+  for (double* value :
+       {&f.ratio, &f.score, &f.inlier_share, &f.inliers, &f.residual_px, &f.frame_share, &f.deviation_sigmas,
+        &f.tilt_sigma_rad, &f.ln_poses, &f.ln_places, &l.error_m, &l.camera_error_m, &l.camera_sigma_m}) {
+    in >> *value >> comma;
+  }
+  in >> l.tolerance_m;
+  if (!in) throw Error({.what = "a line of results cannot be read", .found = text});
+  return l;
+}
+
+}  // namespace nadir::bench

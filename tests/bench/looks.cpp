@@ -1,0 +1,48 @@
+// Labelled looks, for the fit of their likelihood ratio and for judging it: frames of painted worlds and of real
+// imagery, matched where their place is and where it is not.
+#include <fmt/format.h>
+
+#include <iostream>
+#include <opencv2/core/utility.hpp>
+
+#include "base/platform.hpp"
+#include "look.hpp"
+#include "seeded_runs.hpp"
+
+using namespace nadir;
+using namespace nadir::bench;
+
+int main(int argc, char** argv) {
+  CLI::App app("Labelled looks at the map: features of the match, and whether it is right.", "looks");
+  RunOptions options;
+  options.count = 2000;
+  options.add_to(app, "looks");
+  LookPlan plan;
+  app.add_option("--real", plan.real_share, "share of looks over real imagery")->check(CLI::Range(0.0, 1.0));
+  app.add_option("--right", plan.right_share, "share of windows that hold the place")->check(CLI::Range(0.0, 1.0));
+  std::filesystem::path data = data_folder();
+  app.add_option("--data", data, "folder of the real sets; default: $NADIR_DATA, else ../shared/data");
+  CLI11_PARSE(app, argc, argv);
+  try {
+    cv::setNumThreads(1);
+    keep_freed_memory();
+    const Purpose purpose = purpose_of(options.seed);
+    const Grounds grounds(purpose, options.worlds, first_world(purpose), data);
+    if (grounds.real().empty()) std::cerr << "looks: no real imagery: set NADIR_DATA or --data\n";
+    const Looks looks = run_all<Look>(options, look_header(options.seed, plan, grounds), look_of,
+                                      [&](std::uint64_t i) { return take_look(grounds, plan, options.seed, i); });
+    std::map<std::string, std::array<int, 3>> counts;  // all, with a candidate, right
+    for (const auto& [index, look] : looks) {
+      auto& [all, candidates, right] = counts[look.window + ", " + look.picture];
+      ++all, candidates += look.candidate() ? 1 : 0, right += look.right() ? 1 : 0;
+    }
+    std::cout << "| window, picture | looks | candidates | right |\n|---|---|---|---|\n";
+    for (const auto& [name, count] : counts) {
+      std::cout << fmt::format("| {} | {} | {} | {} |\n", name, count[0], count[1], count[2]);
+    }
+    return 0;
+  } catch (const std::exception& error) {
+    std::cerr << "looks: " << error.what() << "\n";
+    return 2;
+  }
+}
