@@ -71,8 +71,8 @@ Evidence evidence_of(const Look& look, double expected, double share, bool belie
 
 PlaceBelief::PlaceBelief(double track_doubt, double area_m2)
     : area_m2_(area_m2),
-      track_{(1 - track_doubt) / 2, (1 - track_doubt) / 2},
-      elsewhere_{track_doubt / 2, track_doubt / 2} {}
+      track_{(1 - track_doubt) * kInitialVisibility, (1 - track_doubt) * (1 - kInitialVisibility)},
+      elsewhere_{track_doubt * kInitialVisibility, track_doubt * (1 - kInitialVisibility)} {}
 
 void PlaceBelief::propagate(double seconds) {
   const double lost = -std::expm1(-kTrackHazard_per_s * std::abs(seconds));
@@ -269,12 +269,14 @@ void PlaceBelief::normalize() {
 }
 
 Eigen::Matrix2d PlaceBelief::spread_m2(const Eigen::Matrix2d& track_covariance_m2) const {
-  double total = track_.total();
+  double total = track_.total(), left_out = 0;
   Eigen::Matrix2d spread = track_.total() * track_covariance_m2;
-  for (const Place& place : places_) {
-    total += place.weight.total();
-    spread +=
-        place.weight.total() * (grown_m2(place, track_covariance_m2) + place.offset_m * place.offset_m.transpose());
+  for (auto place = places_.rbegin(); place != places_.rend(); ++place) {  // the least first
+    left_out += place->weight.total();
+    if (left_out <= kVagueWeight) continue;
+    total += place->weight.total();
+    spread += place->weight.total() *
+              (grown_m2(*place, track_covariance_m2) + place->offset_m * place->offset_m.transpose());
   }
   return total > 0 ? Eigen::Matrix2d(spread / total) : track_covariance_m2;
 }

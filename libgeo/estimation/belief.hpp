@@ -91,7 +91,8 @@ class PlaceBelief {
   // An operator says that the aircraft may be somewhere else: places that contradict the track count in full.
   void on_hint();
 
-  // Second moment about the track's position: of the track and all places, without elsewhere.
+  // Second moment about the track's position: of the track and the places, without elsewhere and without the least
+  // places, up to kVagueWeight together.
   Eigen::Matrix2d spread_m2(const Eigen::Matrix2d& track_covariance_m2) const;
   // Nothing: no radius holds all but the risk. common_m2 is added to every place's covariance (the map's own error).
   std::optional<double> protection_level_m(const Eigen::Matrix2d& track_covariance_m2, double risk,

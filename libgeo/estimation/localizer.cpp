@@ -415,9 +415,10 @@ std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
   LookContext context;
   context.prior = anchor_prior();
   context.lost = lost();
+  context.anchored = last_anchor && tracking.unbroken();
   context.track = {.position = filter->position(),
                    .covariance_m2 = filter->position_covariance_m2(),
-                   .stands = placed && (last_anchor ? tracking.unbroken() : !config.resumed)};
+                   .stands = placed && (last_anchor ? context.anchored : !config.resumed)};
   context.continues_track = !tracking.broken();
   context.new_ground = new_ground();
   context.agl_m = telemetry.reference.agl_m;
@@ -647,7 +648,7 @@ FramePose Localizer::Impl::anchor_pose(const AnchorJob& job) const {
   result.source = SourceLabel::satellite_anchored;
   const double variance_m2 = job.context.track.covariance_m2.trace() / 2;
   const Eigen::Vector2d correction_m = filter->position() - job.flight.position();
-  const bool predicted = job.context.track.stands && last_anchor && variance_m2 <= kSharp_m * kSharp_m &&
+  const bool predicted = job.context.anchored && variance_m2 <= kSharp_m * kSharp_m &&
                          job.segment == tracking.segment() && correction_m.squaredNorm() <= kChi2_999 * variance_m2;
   result.confirmed = predicted || steps[job.step].anchor_unambiguous;
   return result;

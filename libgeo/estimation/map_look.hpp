@@ -15,6 +15,7 @@ struct LookContext {
   TrackPrediction track;
   PlaneBox window;              // camera positions that are searched
   bool lost = false;            // all of the area, or much of it
+  bool anchored = false;        // odometry leads on from an anchor without a break
   bool continues_track = true;  // Look's
   double new_ground = 1;        // Look's
   double agl_m = 0;             // measured

@@ -52,7 +52,7 @@ TEST(Belief, AClearLookWhereItIsExpectedMovesTheTrack) {
   const LookResult result = flight.fly(Eigen::Vector2d(3, -2), 8);
   EXPECT_TRUE(result.accepted);
   EXPECT_LT(result.chi2, 1);
-  EXPECT_GT(flight.belief.track_probability(), 1 - kIntegrityRisk);
+  EXPECT_GT(flight.belief.track_probability(), 1 - kMaxPlaceDoubt);
 }
 
 TEST(Belief, AVagueLookMovesNothingAndIsRemembered) {
