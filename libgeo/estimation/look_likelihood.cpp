@@ -24,6 +24,13 @@ double poses_tried(const SearchPrior& search) {
   return headings * heights;
 }
 
+// Between the ground points that two cameras look at. Beyond the horizon there is none: then between the cameras.
+double axis_shift_m(const CameraPose& a, const CameraPose& b) {
+  const Eigen::Vector3d axis(0, 0, 1);
+  const auto ground_a = ground_from_ray(a, axis), ground_b = ground_from_ray(b, axis);
+  return ground_a && ground_b ? distance_m(*ground_a, *ground_b) : distance_m(a.position, b.position);
+}
+
 std::array<double, LookFeatures::kCount + 2> evidence(const LookFeatures& features, const LookLikelihoodTable& table) {
   std::array<double, LookFeatures::kCount + 2> summands{};
   const auto values = features.values();
@@ -61,6 +68,7 @@ LookFeatures features_of(const AnchorMatch& match, const AnchorPrior& prior, dou
   features.inliers = solved.inliers;
   features.residual_px = solved.rms_m / match.fine_gsd_m;
   features.frame_share = match.frame_share;
+  features.shift_px = axis_shift_m(match.search.places.front().pose, solved.pose) / match.coarse_gsd_m;
   features.deviation_sigmas = attitude_deviation_sigmas(solved, prior);
   features.tilt_sigma_rad = std::sqrt(prior.tilt_covariance_rad2.trace() / 2);
   features.ln_poses = std::log(poses_tried(prior.search));

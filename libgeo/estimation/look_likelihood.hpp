@@ -43,23 +43,25 @@ double attitude_deviation_sigmas(const SolvedPose& solved, const AnchorPrior& pr
 
 // What is known of a candidate besides its position. Its order is LookFeatures::names.
 struct LookFeatures {
-  double ratio = 1;             // best score at any other place over the candidate's, 0 to 1
-  double score = 0;             // correlation of all channels at the candidate, at most 1
-  double inlier_share = 0;      // patches that agree with the solved pose, of those tried
-  double inliers = 0;           // number of those patches
-  double residual_px = 0;       // their RMS, in pixels of the fine GSD
-  double frame_share = 0;       // of the frame's footprint that they span
+  double ratio = 1;         // best score at any other place over the candidate's, 0 to 1
+  double score = 0;         // correlation of all channels at the candidate, at most 1
+  double inlier_share = 0;  // patches that agree with the solved pose, of those tried
+  double inliers = 0;       // number of those patches
+  double residual_px = 0;   // their RMS, in pixels of the fine GSD
+  double frame_share = 0;   // of the frame's footprint that they span
+  double shift_px = 0;  // ground under the optical axis, between search and solved pose, in pixels of the coarse GSD
   double deviation_sigmas = 0;  // attitude_deviation_sigmas()
   double tilt_sigma_rad = 0;    // of the prior, one axis: the wider, the more poses fit by chance
   double ln_poses = 0;          // ln of the headings and heights tried at every place
   double ln_places = 0;         // ln of the distinct places that competed in the window
 
-  static constexpr std::size_t kCount = 10;
+  static constexpr std::size_t kCount = 11;
   static constexpr std::array<std::string_view, kCount> names = {
-      "ratio",          "score",    "inlier_share", "inliers", "residual_px", "frame_share", "deviation_sigmas",
-      "tilt_sigma_rad", "ln_poses", "ln_places"};
+      "ratio",          "score",       "inlier_share", "inliers",
+      "residual_px",    "frame_share", "shift_px",     "deviation_sigmas",
+      "tilt_sigma_rad", "ln_poses",    "ln_places"};
   std::array<double, kCount> values() const {
-    return {ratio,          score,    inlier_share, inliers, residual_px, frame_share, deviation_sigmas,
+    return {ratio,          score,    inlier_share, inliers, residual_px, frame_share, shift_px, deviation_sigmas,
             tilt_sigma_rad, ln_poses, ln_places};
   }
 };

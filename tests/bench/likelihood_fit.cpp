@@ -18,14 +18,14 @@ constexpr std::string_view kFormat = "nadir looks 1\n";
 constexpr std::size_t kFeatures = LookFeatures::kCount;
 
 // What a stored step of one stands for.
-constexpr std::array<double, kFeatures> kSteps = {2e-5, 2e-5, 2e-5, 1, 1e-4, 2e-5, 1e-3, 1e-4, 2e-4, 2e-4};
+constexpr std::array<double, kFeatures> kSteps = {2e-5, 2e-5, 2e-5, 1, 1e-4, 2e-5, 1e-2, 1e-3, 1e-4, 2e-4, 2e-4};
 // +1: more of it speaks for the place; −1: against.
-constexpr std::array<int, kFeatures> kSigns = {-1, 1, 1, 1, -1, 1, -1, -1, -1, -1};
+constexpr std::array<int, kFeatures> kSigns = {-1, 1, 1, 1, -1, 1, -1, -1, -1, -1, -1};
 // Knots, as quantiles of the candidates, both classes with the same weight.
 constexpr std::array<double, MonotoneCurve::kMaxKnots> kQuantiles = {0.02, 0.2, 0.4, 0.6, 0.8, 0.98};
 
 LookFeatures features_from(const std::array<double, kFeatures>& v) {
-  return {v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9]};
+  return {v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9], v[10]};
 }
 
 // Shortest decimal text within the digits that a table holds; reading it back gives the number in force.

@@ -30,7 +30,7 @@ struct TrainingSet {
 };
 
 // A file of a few hundred kilobytes: a line that names the format, one with the origin, then for each look a byte of
-// flags (candidate 1, holds the place 2, right 4, picture 8 · kind) and, for a candidate, its ten features as unsigned
+// flags (candidate 1, holds the place 2, right 4, picture 8 · kind) and, for a candidate, its features as unsigned
 // 16 bit numbers, little endian. Throw Error for anything else.
 std::string packed(const TrainingSet& set);
 TrainingSet unpacked(std::string_view bytes, std::string_view name);

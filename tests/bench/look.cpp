@@ -82,12 +82,12 @@ AnchorPrior draw_prior(const Scene& scene, double radius_m, Random& random) {
   const TelemetryUncertainty stated = scene.ground.camera.uncertainty;
   const bool recorded = !scene.ground.frames.empty();
   const double heading_kind = random.uniform(), tilt_kind = random.uniform();
-  const bool any_heading = heading_kind > 0.97 && radius_m <= 130 * scene.ground.unit;
-  const double heading_sigma_rad = recorded || heading_kind < 0.8 ? stated.heading_rad
-                                   : heading_kind < 0.92          ? radians(6)
-                                                                  : radians(15);
+  const bool any_heading = heading_kind > 0.98 && radius_m <= 130 * scene.ground.unit;
+  const double heading_sigma_rad = recorded || heading_kind < 0.83 ? stated.heading_rad
+                                   : heading_kind < 0.94           ? radians(6)
+                                                                   : radians(15);
   const double tilt_sigma_rad = recorded || tilt_kind < 0.65 ? stated.tilt_rad : tilt_kind < 0.87 ? radians(5.5) : 0.35;
-  const double agl_sigma = recorded || tilt_kind < 0.8 ? stated.agl_relative : 0.07;
+  const double agl_sigma = recorded || tilt_kind < 0.9 ? stated.agl_relative : 0.07;
   AnchorPrior prior;
   prior.search.pose = scene.truth;
   Attitude& attitude = prior.search.pose.attitude;
@@ -109,14 +109,16 @@ AnchorPrior draw_prior(const Scene& scene, double radius_m, Random& random) {
 }
 
 // The middle of the searched square, from the true place.
-PlanePoint window_middle(const Look& look, const Ground& ground, PlanePoint truth, Random& random) {
+PlanePoint window_middle(const Look& look, const Ground& ground, const CameraPose& pose, Random& random) {
   const double r = look.radius_m;
+  const PlanePoint truth = pose.position;
   if (look.window != "elsewhere") {
     return {truth.east_m + random.uniform(-0.8, 0.8) * r, truth.north_m + random.uniform(-0.8, 0.8) * r};
   }
-  // Towards the middle of the map, where there is most of it.
+  // Towards the middle of the map, where there is most of it. The matcher searches a fifth of the height at least.
   const bool along_east = random.chance(0.5);
-  const double away = r + ground.unit * (kClear_m + random.uniform(0, 100)), aside = random.uniform(-0.8, 0.8) * r;
+  const double away = std::max(r, 0.2 * pose.agl_m) + ground.unit * (kClear_m + random.uniform(0, 100)),
+               aside = random.uniform(-0.8, 0.8) * r;
   const auto inward = [](double from, double by) { return from > 0 ? from - by : from + by; };
   return along_east ? PlanePoint{inward(truth.east_m, away), truth.north_m + aside}
                     : PlanePoint{truth.east_m + aside, inward(truth.north_m, away)};
@@ -198,7 +200,7 @@ Scene draw_scene(Look& look, const Grounds& grounds, const Ground& ground, std::
                                                                 : map->map;
   scene.prior = draw_prior(scene, look.radius_m, random);
   PlanePoint& middle = scene.prior.search.pose.position;
-  middle = window_middle(look, ground, scene.truth.position, random);
+  middle = window_middle(look, ground, scene.truth, random);
   if (look.window == "other") {
     const double r = std::min(look.radius_m, 0.4 * std::min(map->width_m, map->height_m));
     middle = {random.uniform(-1, 1) * (map->width_m / 2 - r), random.uniform(-1, 1) * (map->height_m / 2 - r)};
@@ -224,7 +226,7 @@ Look take_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_
   look.ground = ground.name;
   look.tolerance_m = ground.tolerance_m;
   const double size = random.uniform();
-  look.radius_m = ground.unit * (size < 0.5 ? 60 : size < 0.78 ? 120 : size < 0.95 ? 250 : kLost_m);
+  look.radius_m = ground.unit * (size < 0.55 ? 60 : size < 0.85 ? 120 : size < 0.98 ? 250 : kLost_m);
   look.window = draw_window(ground, plan, look.radius_m, random);
   const Scene scene = draw_scene(look, grounds, ground, seed, random);
   look.agl_m = scene.truth.agl_m;
@@ -259,9 +261,9 @@ Look look_of(const std::string& text) {
   LookFeatures& f = l.features;
   for (double* value : {&l.radius_m, &l.agl_m}) in >> *value >> comma;
   in >> l.patches >> comma;
-  for (double* value :
-       {&f.ratio, &f.score, &f.inlier_share, &f.inliers, &f.residual_px, &f.frame_share, &f.deviation_sigmas,
-        &f.tilt_sigma_rad, &f.ln_poses, &f.ln_places, &l.error_m, &l.camera_error_m, &l.camera_sigma_m}) {
+  for (double* value : {&f.ratio, &f.score, &f.inlier_share, &f.inliers, &f.residual_px, &f.frame_share, &f.shift_px,
+                        &f.deviation_sigmas, &f.tilt_sigma_rad, &f.ln_poses, &f.ln_places, &l.error_m,
+                        &l.camera_error_m, &l.camera_sigma_m}) {
     in >> *value >> comma;
   }
   in >> l.tolerance_m;

@@ -257,7 +257,7 @@ std::string Grounds::names() const {
 
 std::filesystem::path data_folder() {
   const char* named = std::getenv("NADIR_DATA");
-  const std::filesystem::path folder = named != nullptr ? named : "../shared/data";
+  const std::filesystem::path folder = named != nullptr ? named : NADIR_SOURCE "/../shared/data";
   return std::filesystem::is_directory(folder) ? folder : std::filesystem::path();
 }
 

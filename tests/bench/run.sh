@@ -40,6 +40,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   tiles         where the tiles lie that simulated flights make (--resume FILE; half an hour)
   ortho         frames with their poses through Nadir and through Orthority: the same place, and at what cost
   looks         labelled looks at maps of painted and real ground (--resume FILE; seeds below 1000 train, from 1000000 on judge)
+  integrity     looks that cannot be right, unseen seeds and imagery: how often the likelihood ratio claims they are (--resume FILE; hours)
   fit-likelihood  the likelihood ratio of a look, fitted to such looks and written as a table (--looks FILE...)
   roc           frames matched where their place is and where it is not: what each threshold lets through (--resume FILE)
 
@@ -103,6 +104,7 @@ part() {
     sitl)         build-venv/bin/python -B "$here/../e2e/sitl.py" "$@" ;;
     soak)         one_program bench_fast_nadird && build-venv/bin/python -B "$here/../e2e/soak.py" "$@" ;;
     looks)        one_program bench_looks && build/bin/bench_looks "$@" ;;
+    integrity)    one_program bench_integrity && build/bin/bench_integrity "$@" ;;
     fit-likelihood) one_program bench_fit_likelihood && build/bin/bench_fit_likelihood "$@" ;;
     roc)          one_program bench_roc && build/bin/bench_roc "$@" ;;
   esac
@@ -114,8 +116,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, tiles, ortho, sync, contract, looks, fit-likelihood, roc; kill with 50 moments (./run bench kill)" ;;
-  build | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | tiles | ortho | sync | contract | looks | fit-likelihood | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, tiles, ortho, sync, contract, looks, integrity, fit-likelihood, roc; kill with 50 moments (./run bench kill)" ;;
+  build | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | tiles | ortho | sync | contract | looks | integrity | fit-likelihood | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -1,0 +1,284 @@
+#include "look_rates.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+
+namespace nadir::bench {
+namespace {
+
+constexpr double kTail = 0.025;  // of each side of a 95 % interval
+
+// P(X <= count) of a binomial distribution.
+double binomial_cdf(int count, int of, double p) {
+  if (p <= 0) return 1;
+  if (p >= 1) return count >= of ? 1 : 0;
+  double sum = 0;
+  for (int k = 0; k <= count; ++k) {
+    sum += std::exp(std::lgamma(of + 1.0) - std::lgamma(k + 1.0) - std::lgamma(of - k + 1.0) + k * std::log(p) +
+                    (of - k) * std::log1p(-p));
+  }
+  return std::min(sum, 1.0);
+}
+
+// Where a falling function of a share passes a value.
+double passing(const std::function<double(double)>& falling, double value) {
+  double low = 0, high = 1;
+  for (int i = 0; i < 60; ++i) {
+    const double middle = (low + high) / 2;
+    (falling(middle) > value ? low : high) = middle;
+  }
+  return (low + high) / 2;
+}
+
+double weight(const Look& look) { return log_likelihood_ratio(look.features); }
+bool true_place(const Look& look) { return look.right(); }
+
+std::string percent(const CountedShare& share) {
+  return share.of == 0 ? "-" : fmt::format("{:.3g}", 100 * share.share());
+}
+
+std::vector<std::string> families(const Looks& looks) {
+  std::set<std::string> names;
+  for (const auto& [index, look] : looks) names.insert(family(look));
+  return {names.begin(), names.end()};
+}
+
+LookFilter both(const LookFilter& a, const LookFilter& b) {
+  return [a, b](const Look& look) { return a(look) && b(look); };
+}
+LookFilter of_family(const std::string& name) {
+  return [name](const Look& look) { return family(look) == name; };
+}
+
+std::string chance_table(const Looks& looks) {
+  std::string text = "| looks without their place | number | candidates |";
+  for (const double t : kThresholds) text += fmt::format(" above {:g}, % (95 %) |", t);
+  text += "\n|---|---|---|" + std::string("---|---|---|---|---|") + "\n";
+  const auto row = [&](const std::string& name, const LookFilter& filter) {
+    int all = 0, candidates = 0;
+    for (const auto& [index, look] : looks) {
+      if (filter(look)) ++all, candidates += look.candidate() ? 1 : 0;
+    }
+    if (all == 0) return;
+    text += fmt::format("| {} | {} | {} |", name, all, candidates);
+    for (const double t : kThresholds) {
+      const CountedShare share = share_above(looks, t, filter);
+      text += fmt::format(" {} ({}: {:.2g} to {:.2g}) |", percent(share), share.count, 100 * share.lower(),
+                          100 * share.upper());
+    }
+    text += "\n";
+  };
+  row("**all**", knocked_out);
+  for (const std::string& name : families(looks)) row(name, both(knocked_out, of_family(name)));
+  for (const char* window : {"elsewhere", "mirrored", "turned", "other"}) {
+    row(window, both(knocked_out, [window](const Look& look) { return look.window == window; }));
+  }
+  row("another place in a window that holds it", [](const Look& look) { return look.holds_place() && !look.right(); });
+  return text;
+}
+
+std::string availability_table(const Looks& looks) {
+  std::string text = "| looks that hold their place | number | candidate is the place, % |";
+  for (const double t : kThresholds) text += fmt::format(" and above {:g}, % |", t);
+  text += " gates accept, % |\n|---|---|---|---|---|---|---|---|---|\n";
+  const auto row = [&](const std::string& name, const LookFilter& filter) {
+    int all = 0, right = 0, accepted = 0;
+    for (const auto& [index, look] : looks) {
+      if (!look.holds_place() || !filter(look)) continue;
+      ++all, right += look.right() ? 1 : 0, accepted += look.right() && look.accepted() ? 1 : 0;
+    }
+    if (all == 0) return;
+    text += fmt::format("| {} | {} | {:.1f} |", name, all, 100.0 * right / all);
+    for (const double t : kThresholds) {
+      text += fmt::format(" {:.1f} |", 100.0 * share_above(looks, t, both(true_place, filter)).count / all);
+    }
+    text += fmt::format(" {:.1f} |\n", 100.0 * accepted / all);
+  };
+  row("**all**", [](const Look&) { return true; });
+  for (const std::string& name : families(looks)) row(name, of_family(name));
+  for (const char* picture : {"clear", "old", "clouds", "blur", "night"}) {
+    row(picture, [picture](const Look& look) { return look.picture == picture; });
+  }
+  return text;
+}
+
+// The looks whose weight of evidence lies in a band: how much evidence that really is.
+struct Band {
+  double stated = 0;  // mean
+  CountedShare right, chance;
+  double observed() const { return std::log(right.share() / chance.share()); }
+};
+
+std::vector<Band> bands(const Looks& looks) {
+  constexpr double kWidth = 1;
+  std::map<int, std::vector<const Look*>> by_band;
+  int rights = 0, chances = 0;
+  for (const auto& [index, look] : looks) {
+    if (!look.candidate()) continue;
+    ++(look.right() ? rights : chances);
+    by_band[static_cast<int>(std::floor(weight(look) / kWidth))].push_back(&look);
+  }
+  std::vector<Band> all;
+  for (const auto& [number, members] : by_band) {
+    Band band{0, {0, rights}, {0, chances}};
+    for (const Look* look : members) {
+      band.stated += weight(*look) / static_cast<double>(members.size());
+      ++(look->right() ? band.right : band.chance).count;
+    }
+    all.push_back(band);
+  }
+  return all;
+}
+
+std::string reliability_table(const Looks& looks) {
+  std::string text =
+      "| stated weight of evidence, nats | true places | chance peaks | observed, nats (95 %) |\n|---|---|---|---|\n";
+  for (const Band& band : bands(looks)) {
+    const double low = std::log(band.right.lower() / band.chance.upper());
+    const double high = std::log(band.right.upper() / band.chance.lower());
+    const auto number = [](double nats) { return std::isfinite(nats) ? fmt::format("{:.1f}", nats) : "∞"; };
+    text += fmt::format("| {:.1f} | {} | {} | {} ({} to {}) |\n", band.stated, band.right.count, band.chance.count,
+                        band.right.count == 0 ? "-∞" : number(band.observed()),
+                        band.right.count == 0 ? "-∞" : number(low), number(high));
+  }
+  return text;
+}
+
+// ---- Drawing
+
+struct Panel {
+  double left, top, width, height, x_low, x_high, y_low, y_high;
+  double x(double value) const { return left + width * (std::clamp(value, x_low, x_high) - x_low) / (x_high - x_low); }
+  double y(double value) const { return top + height * (y_high - std::clamp(value, y_low, y_high)) / (y_high - y_low); }
+};
+
+std::string text_at(double x, double y, const std::string& text, const char* anchor, const std::string& more = "") {
+  return fmt::format("<text x='{:.1f}' y='{:.1f}' text-anchor='{}' {}>{}</text>\n", x, y, anchor, more, text);
+}
+
+std::string frame_of(const Panel& p, const std::string& below, const std::string& beside) {
+  return fmt::format("<rect x='{}' y='{}' width='{}' height='{}' fill='none' stroke='#888'/>\n", p.left, p.top, p.width,
+                     p.height) +
+         text_at(p.left + p.width / 2, p.top + p.height + 40, below, "middle") +
+         text_at(p.left - 46, p.top + p.height / 2, beside, "middle",
+                 fmt::format("transform='rotate(-90 {} {})'", p.left - 46, p.top + p.height / 2));
+}
+
+std::string reliability_panel(const Looks& looks) {
+  const double limit = look_likelihood_table().limit;
+  const double reach = std::ceil(limit);
+  const Panel p{70, 30, 360, 360, -reach, reach, -reach, reach};
+  std::string svg = frame_of(p, "stated weight of evidence, nats", "observed, nats");
+  for (double tick = -reach + std::fmod(reach, 2); tick <= reach; tick += 2) {
+    svg += text_at(p.x(tick), p.top + p.height + 18, fmt::format("{:g}", tick), "middle");
+    svg += text_at(p.left - 8, p.y(tick) + 4, fmt::format("{:g}", tick), "end");
+  }
+  svg += fmt::format("<line x1='{:.1f}' y1='{:.1f}' x2='{:.1f}' y2='{:.1f}' stroke='#bbb' stroke-dasharray='4 4'/>\n",
+                     p.x(-reach), p.y(-reach), p.x(reach), p.y(reach));
+  for (const Band& band : bands(looks)) {
+    const double low = std::log(std::max(1e-9, band.right.lower()) / band.chance.upper());
+    const double high = std::log(band.right.upper() / std::max(1e-9, band.chance.lower()));
+    svg += fmt::format("<line x1='{0:.1f}' y1='{1:.1f}' x2='{0:.1f}' y2='{2:.1f}' stroke='#1b6ca8'/>\n",
+                       p.x(band.stated), p.y(low), p.y(high));
+    if (band.right.count == 0 || band.chance.count == 0) continue;
+    svg +=
+        fmt::format("<circle cx='{:.1f}' cy='{:.1f}' r='4' fill='#1b6ca8'/>\n", p.x(band.stated), p.y(band.observed()));
+  }
+  return svg;
+}
+
+std::string exceedance_panel(const Looks& looks) {
+  static constexpr std::array kColours = {"#1b6ca8", "#c0562f", "#4b8b3b", "#7a4b9e", "#b8860b", "#2a9d8f", "#d1495b"};
+  const Panel p{530, 30, 360, 360, 0, 4, -5, 0};  // powers of ten
+  std::string svg = frame_of(p, "likelihood ratio t", "share of looks without their place above t");
+  for (int power = 0; power <= 4; ++power) {
+    svg += text_at(p.x(power), p.top + p.height + 18, fmt::format("{:g}", std::pow(10, power)), "middle");
+  }
+  for (int power = -5; power <= 0; ++power) {
+    svg += text_at(p.left - 8, p.y(power) + 4, fmt::format("{:g} %", 100 * std::pow(10, power)), "end");
+  }
+  svg += fmt::format("<line x1='{:.1f}' y1='{:.1f}' x2='{:.1f}' y2='{:.1f}' stroke='#bbb' stroke-dasharray='4 4'/>\n",
+                     p.x(0), p.y(0), p.x(4), p.y(-4));
+  svg += text_at(p.x(2.1), p.y(-1.95), "1 / t", "start", "fill='#888'");
+  std::vector<std::string> names = families(looks);
+  names.insert(names.begin(), "all");
+  double row = p.top + 18;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const LookFilter filter = i == 0 ? LookFilter(knocked_out) : both(knocked_out, of_family(names[i]));
+    const std::string colour = i == 0 ? "black" : kColours[(i - 1) % kColours.size()];
+    std::string points;
+    for (double power = 0; power <= 4; power += 0.1) {
+      const CountedShare share = share_above(looks, std::pow(10, power), filter);
+      if (share.count == 0) break;
+      points += fmt::format("{:.1f},{:.1f} ", p.x(power), p.y(std::log10(share.share())));
+    }
+    const int of = share_above(looks, 1, filter).of;
+    if (of == 0) continue;
+    svg += fmt::format("<polyline fill='none' stroke='{}' stroke-width='{}' points='{}'/>\n", colour, i == 0 ? 3 : 1.5,
+                       points);
+    svg += text_at(p.left + p.width - 8, row, fmt::format("{} ({})", names[i], of), "end",
+                   fmt::format("fill='{}'", colour));
+    row += 17;
+  }
+  return svg;
+}
+
+}  // namespace
+
+double CountedShare::lower() const {
+  if (count == 0 || of == 0) return 0;
+  return passing([this](double p) { return binomial_cdf(count - 1, of, p); }, 1 - kTail);
+}
+
+double CountedShare::upper() const {
+  if (count == of) return 1;
+  return passing([this](double p) { return binomial_cdf(count, of, p); }, kTail);
+}
+
+bool knocked_out(const Look& look) { return !look.holds_place(); }
+
+std::string family(const Look& look) {
+  const std::string first = look.ground.substr(0, look.ground.find(' '));
+  return look.ground.find("flight") == std::string::npos ? first : first + " flight";
+}
+
+CountedShare share_above(const Looks& looks, double ratio, const LookFilter& filter) {
+  CountedShare share;
+  const double least = std::log(ratio);
+  for (const auto& [index, look] : looks) {
+    if (!filter(look)) continue;
+    ++share.of;
+    share.count += look.candidate() && weight(look) > least ? 1 : 0;
+  }
+  return share;
+}
+
+std::string contradictions(const Looks& looks) {
+  std::string text;
+  for (const double t : kThresholds) {
+    const CountedShare share = share_above(looks, t, knocked_out);
+    if (share.lower() > 1 / t) {
+      text += fmt::format(
+          "{} of {} looks without their place have a likelihood ratio above {:g}: {:.3g} % at least, and {:.3g} % "
+          "are allowed\n",
+          share.count, share.of, t, 100 * share.lower(), 100 / t);
+    }
+  }
+  return text;
+}
+
+std::string rate_tables(const Looks& looks) {
+  return chance_table(looks) + "\n" + availability_table(looks) + "\n" + reliability_table(looks);
+}
+
+std::string reliability_svg(const Looks& looks) {
+  return "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 920 460' font-family='sans-serif' font-size='13'>\n"
+         "<rect width='920' height='460' fill='white'/>\n" +
+         reliability_panel(looks) + exceedance_panel(looks) + "</svg>\n";
+}
+
+}  // namespace nadir::bench

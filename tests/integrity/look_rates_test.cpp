@@ -1,0 +1,116 @@
+// Looks without their place, and how often they claim it: on a painted world and on real imagery that the fit never
+// saw.
+#include "bench/look_rates.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <opencv2/core/utility.hpp>
+
+#include "base/error.hpp"
+
+namespace nadir::bench {
+namespace {
+
+constexpr std::uint64_t kUnseen = 1'000'000;
+
+Looks some_looks(const Grounds& grounds, const LookPlan& plan, std::uint64_t seed, std::uint64_t count) {
+  cv::setNumThreads(1);
+  Looks looks;
+  for (std::uint64_t i = 0; i < count; ++i) looks[i] = take_look(grounds, plan, seed, i);
+  return looks;
+}
+
+Look made_up(const char* window, double inliers) {
+  Look look;
+  look.ground = "painted 9", look.window = window, look.picture = "clear", look.verdict = "ambiguous";
+  look.error_m = look.camera_error_m = std::string(window) == "right" ? 3 : 400;
+  look.features = {0.2, 0.6, inliers / 96, inliers, 1.0, 0.9, 0.4, 0.3, 0.014, 3.4, 3.2};
+  return look;
+}
+
+// ---- Counting
+
+// Tables of the exact interval: 0 of 10, 1 of 10, 5 of 10, 10 of 10.
+TEST(CountedShare, HasTheExactInterval) {
+  EXPECT_NEAR((CountedShare{0, 10}.upper()), 0.3085, 1e-4);
+  EXPECT_EQ((CountedShare{0, 10}.lower()), 0);
+  EXPECT_NEAR((CountedShare{1, 10}.lower()), 0.0025, 1e-4);
+  EXPECT_NEAR((CountedShare{1, 10}.upper()), 0.4450, 1e-4);
+  EXPECT_NEAR((CountedShare{5, 10}.lower()), 0.1871, 1e-4);
+  EXPECT_NEAR((CountedShare{5, 10}.upper()), 0.8129, 1e-4);
+  EXPECT_EQ((CountedShare{10, 10}.upper()), 1);
+  EXPECT_NEAR((CountedShare{0, 300'000}.upper()), 1.23e-5, 1e-7);
+  EXPECT_EQ((CountedShare{0, 0}.lower()), 0);
+  EXPECT_EQ((CountedShare{0, 0}.upper()), 1);
+}
+
+TEST(LookRates, CountsWhatLiesAboveARatioAmongAllLooks) {
+  Looks looks;
+  looks[0] = made_up("mirrored", 90);
+  looks[1] = made_up("mirrored", 3);
+  looks[1].features.score = 0.05, looks[1].features.ratio = 0.99;
+  looks[2] = made_up("right", 90);
+  looks[3] = made_up("other", 90);
+  looks[3].error_m = -1;  // no candidate
+  const CountedShare share = share_above(looks, 3, knocked_out);
+  EXPECT_EQ(share.count, 1);
+  EXPECT_EQ(share.of, 3);
+}
+
+// One look in four that cannot be right and claims 100 : 1 is no accident.
+TEST(LookRates, TooManyClaimsAreAContradiction) {
+  Looks looks;
+  for (std::uint64_t i = 0; i < 40; ++i) {
+    looks[i] = made_up("mirrored", i % 4 == 0 ? 96 : 3);
+    if (i % 4 != 0) looks[i].error_m = -1;
+  }
+  ASSERT_GT(log_likelihood_ratio(looks[0].features), std::log(100.0));
+  EXPECT_THAT(contradictions(looks), testing::HasSubstr("10 of 40 looks"));
+  for (std::uint64_t i = 0; i < 40; ++i) looks[i].error_m = -1;
+  EXPECT_EQ(contradictions(looks), "");
+}
+
+TEST(LookRates, ALineComesBackAsItWas) {
+  const Look look = made_up("right", 50);
+  const Look back = look_of(line(look));
+  EXPECT_EQ(line(back), line(look));
+  EXPECT_EQ(back.ground, look.ground);
+  EXPECT_TRUE(back.right());
+  EXPECT_THROW(look_of("1,painted 9,right,clear,accepted,60,12"), Error);
+}
+
+TEST(LookRates, TrainingAndJudgingNeverShareASeed) {
+  EXPECT_EQ(purpose_of(1), Purpose::train);
+  EXPECT_EQ(purpose_of(999), Purpose::train);
+  EXPECT_EQ(purpose_of(kUnseen), Purpose::judge);
+  EXPECT_THROW(purpose_of(1000), UsageError);
+  EXPECT_THROW(purpose_of(999'999), UsageError);
+  EXPECT_NE(first_world(Purpose::train), first_world(Purpose::judge));
+}
+
+// ---- Looks
+
+TEST(KnockOut, APaintedWorldThatTheFitNeverSaw) {
+  const Grounds grounds(Purpose::judge, 1, first_world(Purpose::judge), {});
+  const Looks looks = some_looks(grounds, {.real_share = 0, .right_share = 0.3}, kUnseen + 1, 100);
+  EXPECT_EQ(contradictions(looks), "") << rate_tables(looks);
+  // A ratio that accepts nothing has no false claims either.
+  const CountedShare found = share_above(looks, 10, [](const Look& look) { return look.right(); });
+  EXPECT_GT(found.share(), 0.4) << rate_tables(looks);
+}
+
+TEST(KnockOut, TheSameSeedGivesTheSameLook) {
+  const Grounds grounds(Purpose::judge, 1, first_world(Purpose::judge), {});
+  EXPECT_EQ(line(take_look(grounds, {}, kUnseen, 3)), line(take_look(grounds, {}, kUnseen, 3)));
+}
+
+TEST(KnockOut, RealImageryThatTheFitNeverSaw) {
+  if (data_folder().empty()) GTEST_SKIP() << "NOT TESTED: no real imagery; set NADIR_DATA to its folder";
+  const Grounds grounds(Purpose::judge, 0, first_world(Purpose::judge), data_folder());
+  const Looks looks = some_looks(grounds, {.real_share = 1, .right_share = 0.3}, kUnseen + 2, 60);
+  EXPECT_EQ(contradictions(looks), "") << rate_tables(looks);
+}
+
+}  // namespace
+}  // namespace nadir::bench
