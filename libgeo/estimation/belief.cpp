@@ -69,8 +69,8 @@ Evidence evidence_of(const Look& look, double expected, double share, bool belie
 
 }  // namespace
 
-PlaceBelief::PlaceBelief(double track_doubt, double area_m2)
-    : area_m2_(area_m2),
+PlaceBelief::PlaceBelief(double track_doubt, const PlaneBox& area)
+    : area_(area),
       track_{(1 - track_doubt) * kInitialVisibility, (1 - track_doubt) * (1 - kInitialVisibility)},
       elsewhere_{track_doubt * kInitialVisibility, track_doubt * (1 - kInitialVisibility)} {}
 
@@ -120,7 +120,7 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
   }
 
   // What the look says of each hypothesis, and how much of it is at the candidate from now on.
-  const double window_m2 = look.window.area_m2(), share = std::min(1.0, window_m2 / area_m2_);
+  const double window_m2 = look.window.area_m2(), share = std::min(1.0, window_m2 / area_.area_m2());
   const double ratio = look.candidate ? std::exp(look.candidate->log_likelihood_ratio) : 0;
   struct Seen {
     double believed = 0;  // weight
@@ -130,13 +130,15 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
   const auto weigh = [&](Weight& weight, const Gaussian& place, bool believed_before) {
     Seen seen;
     double expected = 0;
+    const double in_area = std::max(kLeastInArea, inside(area_, place));
     if (look.candidate) {
       const Eigen::Vector2d off = look.candidate->position - place.mean;
       const Eigen::Matrix2d spread = place.covariance_m2 + look.candidate->covariance_m2;
-      expected = ratio * window_m2 * density(off, spread);
+      expected = ratio * window_m2 * density(off, spread) / in_area;
       seen.chi2 = chi2_of(off, spread);
     }
-    const Evidence evidence = evidence_of(look, expected, inside(look.window, place), believed_before);
+    const Evidence evidence =
+        evidence_of(look, expected, std::min(1.0, inside(look.window, place) / in_area), believed_before);
     weight.visible *= evidence.visible;
     weight.hidden *= evidence.hidden;
     seen.believed = weight.visible * evidence.believed;
@@ -275,8 +277,8 @@ Eigen::Matrix2d PlaceBelief::spread_m2(const Eigen::Matrix2d& track_covariance_m
     left_out += place->weight.total();
     if (left_out <= kVagueWeight) continue;
     total += place->weight.total();
-    spread += place->weight.total() *
-              (grown_m2(*place, track_covariance_m2) + place->offset_m * place->offset_m.transpose());
+    spread +=
+        place->weight.total() * (grown_m2(*place, track_covariance_m2) + place->offset_m * place->offset_m.transpose());
   }
   return total > 0 ? Eigen::Matrix2d(spread / total) : track_covariance_m2;
 }

@@ -18,6 +18,8 @@
 //
 //   hit  = P_D ℓ W N(z; x_i, C_i + R)        elsewhere: P_D ℓ g, where g is the window's share of the area
 //   miss = 1 - P_D q_i                       q_i: share of the hypothesis inside the window
+//
+// where N and q_i are those of the hypothesis inside the area.
 //   L_visible = hit + miss,  L_hidden = 1
 //
 // With the chance p_f that the frame is not of this moment (a mixed-up recording): L ← (1 - p_f) L + p_f (1 - P_D + P_D
@@ -80,8 +82,8 @@ struct LookResult {
 class PlaceBelief {
  public:
   // track_doubt: chance that the track is wrong as a whole at the beginning; 1: it is not known at all.
-  // area_m2: in which the aircraft is in any case.
-  PlaceBelief(double track_doubt, double area_m2);
+  // area: where the aircraft is in any case. What a hypothesis has beyond it does not count.
+  PlaceBelief(double track_doubt, const PlaneBox& area);
 
   // Time passes, during which the track may have become wrong without a sign.
   void propagate(double seconds);
@@ -121,7 +123,7 @@ class PlaceBelief {
   void add(const Place& added);
   void normalize();
 
-  double area_m2_;
+  PlaneBox area_;
   bool anchored_ = false;        // the track has moved to a candidate
   bool track_believed_ = false;  // the last look was a hit of the track
   bool hinted_ = false;          // since the last anchor

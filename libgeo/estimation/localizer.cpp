@@ -75,12 +75,6 @@ cv::Mat grey_of(const cv::Mat& image) {
   return grey;
 }
 
-// In which the flight can be at all.
-double area_m2(const LocalizerConfig& config) {
-  const double reach_m = config.max_search_radius_m;
-  return config.area.value_or(PlaneBox{-reach_m, -reach_m, reach_m, reach_m}).area_m2();
-}
-
 CameraPose pose_of(const FlightFilter::State& x, const TelemetryReference& reference) {
   CameraPose pose;
   pose.position = {x[FlightFilter::east], x[FlightFilter::north]};
@@ -149,7 +143,7 @@ struct Localizer::Impl {
         odometry(config.odometry()),
         placed(known_start.has_value()),
         tracking(known_start.has_value()),
-        belief(known_start ? kStartDoubt : 1, area_m2(config)),
+        belief(known_start ? kStartDoubt : 1, config.area.value_or(around_start())),
         window(config.min_search_radius_m, config.max_search_radius_m, config.area) {}
 
   // The steps of a frame, in order.
@@ -162,6 +156,7 @@ struct Localizer::Impl {
   Estimate estimate(bool anchored) const;
 
   std::pair<PlanePoint, double> start_position() const;
+  PlaneBox around_start() const;  // as far as a window may reach
   bool match_due() const;
   bool too_low_to_match() const;
   void apply_hint();
@@ -323,6 +318,10 @@ std::pair<PlanePoint, double> Localizer::Impl::start_position() const {
   if (start) return {frame.plane_from_lonlat(*start), config.start_sigma_m};
   const PlaneBox box = config.area.value_or(PlaneBox{});
   return {box.middle(), std::max({kLeastLostSigma_m, box.east_m - box.west_m, box.north_m - box.south_m})};
+}
+
+PlaneBox Localizer::Impl::around_start() const {
+  return square_around(start ? frame.plane_from_lonlat(*start) : PlanePoint{}, kUnknownArea_m);
 }
 
 // ---- Odometry

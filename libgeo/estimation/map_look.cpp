@@ -76,7 +76,8 @@ AnchorReport anchor_report(const AnchorMatch& match, const LookContext& context,
   report.place_doubt = result.place_doubt;
   report.chi2 = result.chi2;
   const double sigma_m = std::sqrt(context.track.covariance_m2.trace() / 2);
-  report.corroborated = context.anchored && sigma_m <= parameters::belief::kSharp_m && result.chi2 <= parameters::belief::kChi2_95;
+  report.corroborated =
+      context.anchored && sigma_m <= parameters::belief::kSharp_m && result.chi2 <= parameters::belief::kChi2_95;
   return report;
 }
 

@@ -409,6 +409,7 @@ inline constexpr double kSharp_m = 20;              // one axis: a chance peak w
 inline constexpr double kChi2_95 = 5.991;           // of χ² with two degrees of freedom
 inline constexpr double kChi2_999 = 13.816;         // likewise, 99.9 %
 inline constexpr double kSamePlace_chi2 = 1;         // two places are merged; chosen
+inline constexpr double kLeastInArea = 1e-2;        // share of a hypothesis inside the area: guards the division; numerical
 inline constexpr double kVagueWeight = 1e-2;        // of places that the published covariance leaves out; its 95 % ellipse
                                                      // hardly knows them, the protection level does
 inline constexpr double kLeastWeight = 1e-9;        // of a place that is kept; numerical
@@ -463,6 +464,7 @@ inline constexpr double kNoFixSigma_m = 500;        // beyond this no position i
 inline constexpr double kMapSigma_m = 2.8;          // CE90 of 6 m; for maps whose tiles state none
 inline constexpr double kAssumedAgl_m = 120;        // height until telemetry has one; chosen
 inline constexpr double kMatchAboveSigma_m = 5;     // one axis: the map is searched again; chosen
+inline constexpr double kUnknownArea_m = 20'000;    // half side of where a flight without an area may be; chosen
 inline constexpr double kLeastLostSigma_m = 1000;   // no start and no area: chosen
 inline constexpr double kCorroborationTime_s = 60;  // an anchor farther in time corroborates little; chosen
 inline constexpr double kSharpPrediction_m = 20;    // one axis: a wider prediction agrees with much; as sharp_sigma_m

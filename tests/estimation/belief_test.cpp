@@ -13,7 +13,7 @@ namespace {
 
 using namespace parameters::belief;
 
-constexpr double kArea_m2 = 4e6;
+constexpr PlaneBox kArea{-1000, -1000, 1000, 1000};
 
 Eigen::Matrix2d circle(double sigma_m) { return sigma_m * sigma_m * Eigen::Matrix2d::Identity(); }
 
@@ -45,7 +45,7 @@ struct LookFlight {
   }
 };
 
-LookFlight known_start(double sigma_m = 8) { return {PlaceBelief(kStartDoubt, kArea_m2), sigma_m}; }
+LookFlight known_start(double sigma_m = 8) { return {PlaceBelief(kStartDoubt, kArea), sigma_m}; }
 
 TEST(Belief, AClearLookWhereItIsExpectedMovesTheTrack) {
   LookFlight flight = known_start();
@@ -85,7 +85,7 @@ TEST(Belief, ChancePeaksThatScatterMoveNothing) {
 }
 
 TEST(Belief, WithoutAPositionOneLookIsNotEnough) {
-  LookFlight flight{PlaceBelief(1, kArea_m2), 1000, false};
+  LookFlight flight{PlaceBelief(1, kArea), 1000, false};
   const auto everywhere = [&](PlanePoint found) {
     Look look = look_at({0, 0}, 1000, found, 8);
     return flight.belief.update(look, track({0, 0}, 1000, false));
@@ -142,7 +142,7 @@ TEST(Belief, FindingNothingIsNoEvidenceForElsewhereWhereTheMapMayNotShowThePlace
 }
 
 TEST(ProtectionLevel, IsTheRayleighQuantileOfOneSharpTrack) {
-  const PlaceBelief sure(0, kArea_m2);
+  const PlaceBelief sure(0, kArea);
   const double level_m = sure.protection_level_m(circle(3), 1e-5, circle(4)).value();
   EXPECT_NEAR(level_m, 5 * std::sqrt(-2 * std::log(1e-5)), 1e-6);
 }
@@ -158,7 +158,7 @@ TEST(ProtectionLevel, HoldsEveryPlaceThatCountsForMoreThanTheRisk) {
 }
 
 TEST(ProtectionLevel, GrowsWithTheTimeSinceTheLastLookUntilThereIsNone) {
-  PlaceBelief belief(0, kArea_m2);
+  PlaceBelief belief(0, kArea);
   double before_m = 0;
   for (int minute = 0; minute < 10; ++minute) {
     const double level_m = belief.protection_level_m(circle(8), kIntegrityRisk, circle(0)).value();
@@ -173,7 +173,7 @@ TEST(ProtectionLevel, GrowsWithTheTimeSinceTheLastLookUntilThereIsNone) {
 TEST(Belief, NoSequenceOfLooksBreaksIt) {
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
     Random random(seed);
-    PlaceBelief belief(random.uniform(0, 1), kArea_m2);
+    PlaceBelief belief(random.uniform(0, 1), kArea);
     PlanePoint at{0, 0};
     for (int i = 0; i < 60; ++i) {
       belief.propagate(random.uniform(-60, 600));

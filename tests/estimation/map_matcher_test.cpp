@@ -9,9 +9,9 @@
 #include <Eigen/LU>
 #include <cmath>
 
-#include "estimation/look_likelihood.hpp"
 #include "estimation/fault_maps.hpp"
 #include "estimation/localizer_fixture.hpp"
+#include "estimation/look_likelihood.hpp"
 #include "support/cancel_after.hpp"
 
 namespace nadir {
