@@ -279,6 +279,8 @@ std::unique_ptr<FittedLikelihood> fit(const TrainingSet& set, const std::string&
   result->training = set.origin;
   result->training_sha256 = training_sha256;
   LookLikelihoodTable& table = result->table;
+  table.training = result->training;
+  table.training_sha256 = result->training_sha256;
   table.true_looks = static_cast<int>(problem.right.sum());
   table.chance_looks = static_cast<int>(candidates.size()) - table.true_looks;
   table.limit = rounded(std::log(std::max(3.0, table.chance_looks / 3.0)), 6);
@@ -292,8 +294,6 @@ std::unique_ptr<FittedLikelihood> fit(const TrainingSet& set, const std::string&
   round_all(table.ratio_by_places);
   count_rates(table, set.looks);
   result->numbers_sha256 = numbers_digest(table);
-  table.training = result->training;
-  table.training_sha256 = result->training_sha256;
   table.numbers_sha256 = result->numbers_sha256;
   return result;
 }
