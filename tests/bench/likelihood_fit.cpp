@@ -23,6 +23,7 @@ constexpr std::array<double, kFeatures> kSteps = {2e-5, 2e-5, 2e-5, 1, 1e-4, 2e-
 constexpr std::array<int, kFeatures> kSigns = {-1, 1, 1, 1, -1, 1, -1, -1, -1, -1, -1};
 // Knots, as quantiles of the candidates, both classes with the same weight.
 constexpr std::array<double, MonotoneCurve::kMaxKnots> kQuantiles = {0.02, 0.2, 0.4, 0.6, 0.8, 0.98};
+constexpr double kLeastGap = 0.03;  // between knots, of what they span
 
 LookFeatures features_from(const std::array<double, kFeatures>& v) {
   return {v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9], v[10]};
@@ -71,14 +72,18 @@ std::vector<double> knots_of(std::vector<Sample> samples) {
   std::sort(samples.begin(), samples.end(), [](const Sample& a, const Sample& b) { return a.value < b.value; });
   const double all = std::accumulate(samples.begin(), samples.end(), 0.0,
                                      [](double sum, const Sample& sample) { return sum + sample.weight; });
-  const double least_gap = 1e-3 * (samples.back().value - samples.front().value);
-  std::vector<double> knots;
+  std::vector<double> quantiles;
   double passed = 0;
   auto next = samples.begin();
   for (const double quantile : kQuantiles) {
     while (std::next(next) != samples.end() && passed + next->weight < quantile * all) passed += next++->weight;
-    const double knot = rounded(next->value, 4);
-    if (knots.empty() || knot > knots.back() + least_gap) knots.push_back(knot);
+    quantiles.push_back(rounded(next->value, 4));
+  }
+  // Closer ones would make a step of what is one value in truth.
+  const double least_gap = kLeastGap * (quantiles.back() - quantiles.front());
+  std::vector<double> knots;
+  for (const double quantile : quantiles) {
+    if (knots.empty() || quantile > knots.back() + least_gap) knots.push_back(quantile);
   }
   if (knots.size() == 1) knots.clear();  // nothing varies: nothing to say
   return knots;
@@ -279,6 +284,8 @@ std::unique_ptr<FittedLikelihood> fit(const TrainingSet& set, const std::string&
   result->training = set.origin;
   result->training_sha256 = training_sha256;
   LookLikelihoodTable& table = result->table;
+  table.training = result->training;
+  table.training_sha256 = result->training_sha256;
   table.true_looks = static_cast<int>(problem.right.sum());
   table.chance_looks = static_cast<int>(candidates.size()) - table.true_looks;
   table.limit = rounded(std::log(std::max(3.0, table.chance_looks / 3.0)), 6);
@@ -292,8 +299,6 @@ std::unique_ptr<FittedLikelihood> fit(const TrainingSet& set, const std::string&
   round_all(table.ratio_by_places);
   count_rates(table, set.looks);
   result->numbers_sha256 = numbers_digest(table);
-  table.training = result->training;
-  table.training_sha256 = result->training_sha256;
   table.numbers_sha256 = result->numbers_sha256;
   return result;
 }

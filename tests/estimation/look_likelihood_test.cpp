@@ -288,7 +288,7 @@ TrainingSet normal_looks(int right, int chance, std::uint64_t seed) {
   Random random(seed);
   TrainingSet set{"two normal distributions", {}};
   for (int i = 0; i < right + chance; ++i) {
-    TrainingLook look{.candidate = true, .holds_place = i < right, .right = i < right};
+    TrainingLook look{true, i < right, i < right, bench::PictureKind::clear, {}};
     look.features.inliers = 20 + 10 * random.normal(i < right ? 2 : 0, 1);  // stored in whole numbers
     set.looks.push_back(look);
   }
