@@ -130,7 +130,8 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
   const auto weigh = [&](Weight& weight, const Gaussian& place, bool believed_before) {
     Seen seen;
     double expected = 0;
-    const double in_area = std::max(kLeastInArea, inside(area_, place));
+    double in_area = inside(area_, place);
+    if (in_area < kLeastInArea) in_area = 1;  // one of the two is wrong
     if (look.candidate) {
       const Eigen::Vector2d off = look.candidate->position - place.mean;
       const Eigen::Matrix2d spread = place.covariance_m2 + look.candidate->covariance_m2;

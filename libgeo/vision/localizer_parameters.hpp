@@ -390,33 +390,35 @@ inline constexpr double kSlopeBaselineDivisor = 3;  // footprint over the distan
 
 namespace belief {
 
-// Of a look, given that the map shows the place in the window: the candidate is the true place. [looks], clear images.
-inline constexpr double kDetection = 0.95;
-// Before anything was found: that the map shows the place at all. A sceptic's: one clear look makes it 0.95. Chosen.
-inline constexpr double kInitialVisibility = 0.05;
+// Of a look, given that the map shows the place in the window: the candidate is the true place. [looks]: 0.77 of all
+// clear images, those with an open tilt and in wide windows included.
+inline constexpr double kDetection = 0.8;
+inline constexpr double kInitialVisibility = 0.5;  // before any look, that the map shows the place; ignorance
 // Over a footprint of new ground: the map begins, or ceases, to show the place. Chosen.
 inline constexpr double kVisibilityChange = 0.05;
 inline constexpr double kForeignFrame = 1e-4;       // the frame is of another moment; chosen …
 inline constexpr double kForeignBrokenFrame = 0.5;  // … where it does not continue the previous one: one of the two is
 inline constexpr double kStartDoubt = 1e-2;         // a position that a person gave is wrong as a whole; chosen
-inline constexpr double kTrackHazard_per_s = 1e-8;  // the track becomes wrong as a whole without a sign; chosen
-inline constexpr double kIntegrityRisk = 1e-5;      // per look: beyond the protection level; a mission may set it
-inline constexpr double kMaxPlaceDoubt = 1e-3;      // of the weight may be elsewhere when the track moves; [looks]
+inline constexpr double kTrackHazard_per_s = 1e-8;    // the track becomes wrong as a whole without a sign; chosen
+inline constexpr double kIntegrityRisk = 1e-5;        // per look: beyond the protection level; a mission may set it
+inline constexpr double kMaxPlaceDoubt = 1e-3;        // of the weight may be elsewhere when the track moves; [looks]
 inline constexpr double kMaxAssociationDoubt = 5e-2;  // a chance peak beside the truth, within the prediction; chosen
-inline constexpr double kDisplacedMapShare = 0.5;   // of a place that contradicts the track; geometry of ignorance
-inline constexpr double kOverrulingFootprints = 6;  // of ground that contradicts an anchor alike; [safety 164, 244, 305]
-inline constexpr double kSharp_m = 20;              // one axis: a chance peak within such a prediction harms little
-inline constexpr double kChi2_95 = 5.991;           // of χ² with two degrees of freedom
-inline constexpr double kChi2_999 = 13.816;         // likewise, 99.9 %
-inline constexpr double kSamePlace_chi2 = 1;         // two places are merged; chosen
-inline constexpr double kLeastInArea = 1e-2;        // share of a hypothesis inside the area: guards the division; numerical
-inline constexpr double kVagueWeight = 1e-2;        // of places that the published covariance leaves out; its 95 % ellipse
-                                                     // hardly knows them, the protection level does
-inline constexpr double kLeastWeight = 1e-9;        // of a place that is kept; numerical
-inline constexpr std::size_t kMaxPlaces = 15;       // beside the track; bounds the time
+inline constexpr double kDisplacedMapShare = 0.5;     // of a place that contradicts the track; geometry of ignorance
+inline constexpr double kOverrulingFootprints =
+    6;                                        // of ground that contradicts an anchor alike; [safety 164, 244, 305]
+inline constexpr double kSharp_m = 20;        // one axis: a chance peak within such a prediction harms little
+inline constexpr double kChi2_95 = 5.991;     // of χ² with two degrees of freedom
+inline constexpr double kChi2_999 = 13.816;   // likewise, 99.9 %
+inline constexpr double kSamePlace_chi2 = 1;  // two places are merged; chosen
+inline constexpr double kLeastInArea =
+    1e-2;  // share of a hypothesis inside the area: with less the area says nothing; chosen
+inline constexpr double kVagueWeight = 1e-2;   // of places that the published covariance leaves out; its 95 % ellipse
+                                               // hardly knows them, the protection level does
+inline constexpr double kLeastWeight = 1e-9;   // of a place that is kept; numerical
+inline constexpr std::size_t kMaxPlaces = 15;  // beside the track; bounds the time
 inline constexpr int kProtectionLevelBisections = 40;  // to 1e-12 of the radius; numerical
-inline constexpr double kWorthKeeping = 2.303;      // ln 10: a lost look goes on elsewhere below; chosen
-inline constexpr double kUnambiguous = 6.908;       // ln 1000: needs no other look, for products of the frame; [looks]
+inline constexpr double kWorthKeeping = 2.303;         // ln 10: a lost look goes on elsewhere below; chosen
+inline constexpr double kUnambiguous = 6.908;  // ln 1000: needs no other look, for products of the frame; [looks]
 
 }  // namespace belief
 
@@ -428,7 +430,8 @@ inline constexpr double kModelErrorFactor = 4;
 inline constexpr double kUnknownTiltModelErrorFactor = 9;  // all of that looks like a tilt; [safety NaN attitude 755]
 // Sets of patches that agreed on a wrong pose nearby lay up to 26 px from the truth; [safety night 4734, height 5045].
 inline constexpr double kWrongConsensusSigma_px = 10;
-inline constexpr double kMostPatches = 0.5;  // a larger share of patches that agree is no wrong consensus; [safety 2220]
+inline constexpr double kMostPatches =
+    0.5;  // a larger share of patches that agree is no wrong consensus; [safety 2220]
 inline constexpr double kSharedErrorFootprints = 1.5;  // anchors within it count as one; [safety heading 73]
 inline constexpr double kMinHeightSigma = 0.012;       // log height: roofs, trees, rolling ground; chosen
 inline constexpr double kMinTiltVariance_rad2 = 1e-6;  // keeps the prior invertible; numerics

@@ -29,7 +29,7 @@ Look look_at(PlanePoint middle, double radius_m, std::optional<PlanePoint> found
   return look;
 }
 
-// A flight to the east, a footprint a look; each look finds the truth plus `off`.
+// A flight to and fro, a footprint a look; each look finds the truth plus `off`.
 struct LookFlight {
   PlaceBelief belief;
   double sigma_m;
@@ -38,6 +38,7 @@ struct LookFlight {
   PlanePoint at{0, 0};
 
   LookResult fly(std::optional<Eigen::Vector2d> off, double log_ratio, double new_ground = 1) {
+    if (std::abs(at.east_m) > 700) step_m = at.east_m > 0 ? -150 : 150;
     at.east_m += step_m * new_ground;
     std::optional<PlanePoint> found;
     if (off) found = PlanePoint(at.vector() + *off);
