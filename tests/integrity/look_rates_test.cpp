@@ -91,9 +91,14 @@ TEST(LookRates, TrainingAndJudgingNeverShareASeed) {
 
 // ---- Looks
 
+// Painted once for all cases: some seconds.
+const Grounds& painted() {
+  static const Grounds grounds(Purpose::judge, 1, first_world(Purpose::judge), {});
+  return grounds;
+}
+
 TEST(KnockOut, APaintedWorldThatTheFitNeverSaw) {
-  const Grounds grounds(Purpose::judge, 1, first_world(Purpose::judge), {});
-  const Looks looks = some_looks(grounds, {.real_share = 0, .right_share = 0.3}, kUnseen + 1, 100);
+  const Looks looks = some_looks(painted(), {.real_share = 0, .right_share = 0.3}, kUnseen + 1, 100);
   EXPECT_EQ(contradictions(looks), "") << rate_tables(looks);
   // A ratio that accepts nothing has no false claims either.
   const CountedShare found = share_above(looks, 10, [](const Look& look) { return look.right(); });
@@ -101,8 +106,7 @@ TEST(KnockOut, APaintedWorldThatTheFitNeverSaw) {
 }
 
 TEST(KnockOut, TheSameSeedGivesTheSameLook) {
-  const Grounds grounds(Purpose::judge, 1, first_world(Purpose::judge), {});
-  EXPECT_EQ(line(take_look(grounds, {}, kUnseen, 3)), line(take_look(grounds, {}, kUnseen, 3)));
+  EXPECT_EQ(line(take_look(painted(), {}, kUnseen, 3)), line(take_look(painted(), {}, kUnseen, 3)));
 }
 
 TEST(KnockOut, RealImageryThatTheFitNeverSaw) {
