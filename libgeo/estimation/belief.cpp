@@ -47,23 +47,20 @@ double larger_eigenvalue(const Eigen::Matrix2d& covariance_m2) {
 
 // What a look says of one hypothesis.
 struct Evidence {
-  double visible = 1, hidden = 1;  // L, with the power of the new ground
-  double believed = 0;             // share of the visible that is at the candidate from now on
+  double visible = 1, hidden = 1;  // L
+  double believed = 0;             // hit / L of the visible
 };
 
 // expected: likelihood ratio of the candidate where the hypothesis expects it, without P_D. share: q.
-Evidence evidence_of(const Look& look, double expected, double share, bool believed_before) {
+Evidence evidence_of(const Look& look, double expected, double share) {
   const double foreign = look.continues_track ? kForeignFrame : kForeignBrokenFrame;
   const double ratio = look.candidate ? std::exp(look.candidate->log_likelihood_ratio) : 0;
   const double elsewhere = foreign * (1 - kDetection + kDetection * ratio);
   const double hit = (1 - foreign) * kDetection * expected;
-  const double visible = hit + (1 - foreign) * (1 - kDetection * share) + elsewhere;
-  const double hidden = 1 - foreign + elsewhere;
-  const double believed = hit / visible;
   Evidence evidence;
-  evidence.visible = std::pow(visible, look.new_ground);
-  evidence.hidden = std::pow(hidden, look.new_ground);
-  evidence.believed = believed_before ? believed : 1 - std::pow(1 - believed, look.new_ground);
+  evidence.visible = hit + (1 - foreign) * (1 - kDetection * share) + elsewhere;
+  evidence.hidden = 1 - foreign + elsewhere;
+  evidence.believed = hit / evidence.visible;
   return evidence;
 }
 
@@ -112,6 +109,27 @@ void PlaceBelief::change_visibility(double new_ground) {
   for (Place& place : places_) mix(place.weight);
 }
 
+// Both return the weight that is at the candidate from now on; visible, hidden: L; believed: hit / L.
+// A hypothesis that did not believe the last look has made up its mind of the ground in it.
+double PlaceBelief::judge_anew(Weight& weight, double visible, double hidden, double believed, double new_ground) {
+  weight.visible *= std::pow(visible, new_ground);
+  weight.hidden *= std::pow(hidden, new_ground);
+  return weight.visible * (1 - std::pow(1 - believed, new_ground));
+}
+
+// One that did: against the others the new ground counts. Whether the map still shows the place is a question of this
+// look alone, because it has changed meanwhile (change_visibility()).
+double PlaceBelief::judge_again(Weight& weight, double visible, double hidden, double believed, double new_ground) {
+  const double before = weight.total();
+  if (before <= 0) return 0;
+  visible *= weight.visible;
+  hidden *= weight.hidden;
+  const double after = before * std::pow((visible + hidden) / before, new_ground);
+  weight.visible = after * visible / (visible + hidden);
+  weight.hidden = after * hidden / (visible + hidden);
+  return weight.visible * believed;
+}
+
 LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
   change_visibility(look.new_ground);
   for (Place& place : places_) {
@@ -138,11 +156,10 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
       expected = ratio * window_m2 * density(off, spread) / in_area;
       seen.chi2 = chi2_of(off, spread);
     }
-    const Evidence evidence =
-        evidence_of(look, expected, std::min(1.0, inside(look.window, place) / in_area), believed_before);
-    weight.visible *= evidence.visible;
-    weight.hidden *= evidence.hidden;
-    seen.believed = weight.visible * evidence.believed;
+    const double share_of_window = std::min(1.0, inside(look.window, place) / in_area);
+    const Evidence evidence = evidence_of(look, expected, share_of_window);
+    seen.believed = (believed_before ? judge_again : judge_anew)(weight, evidence.visible, evidence.hidden,
+                                                                 evidence.believed, look.new_ground);
     const bool agrees = look.candidate && one_axis_sigma(place.covariance_m2) <= kSharp_m && seen.chi2 <= kChi2_95;
     if (agrees) seen.beside = weight.total() - seen.believed;
     return seen;
@@ -153,10 +170,9 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
     by_place.push_back(
         weigh(place.weight, {PlanePoint(track.position.vector() + place.offset_m), place.covariance_m2}, true));
   }
-  const Evidence of_elsewhere = evidence_of(look, ratio * share, share, false);
-  elsewhere_.visible *= of_elsewhere.visible;
-  elsewhere_.hidden *= of_elsewhere.hidden;
-  const double from_elsewhere = elsewhere_.visible * of_elsewhere.believed;
+  const Evidence evidence = evidence_of(look, ratio * share, share);
+  const double from_elsewhere =
+      judge_anew(elsewhere_, evidence.visible, evidence.hidden, evidence.believed, look.new_ground);
 
   LookResult result;
   result.chi2 = by_track.chi2;

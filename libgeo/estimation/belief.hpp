@@ -26,7 +26,7 @@
 // ℓ). Weights are multiplied by L; of a visible hypothesis the share hit / L is at z from now on.
 //
 // The same ground is one witness. s is the share of ground that the last look did not show: weights are multiplied by
-// L^s, and what has not believed a candidate there before believes only 1 - (1 - hit / L)^s of it now.
+// L^s, and what has not believed the candidate of the last look believes only 1 - (1 - hit / L)^s of this one.
 //
 // A displaced map cannot be told from a wrong track by looking at that map. A place that contradicts a track which
 // nothing else contradicts (a start that was given; odometry that leads on from an anchor without a break) counts half:
@@ -119,6 +119,8 @@ class PlaceBelief {
   };
   // As the track's covariance has grown since.
   static Eigen::Matrix2d grown_m2(const Place& place, const Eigen::Matrix2d& track_covariance_m2);
+  static double judge_anew(Weight& weight, double visible, double hidden, double believed, double new_ground);
+  static double judge_again(Weight& weight, double visible, double hidden, double believed, double new_ground);
   void change_visibility(double new_ground);
   void add(const Place& added);
   void normalize();
