@@ -26,11 +26,13 @@ struct Look {
   std::string verdict;  // of the gates, without a prediction to compare with
 
   bool candidate() const { return error_m >= 0; }
-  bool holds_place() const { return window == "right"; }
-  // The same ground, and the camera no farther off than tilt and height leave open.
+  // The same ground, and the camera no farther off than tilt and height leave open. The patches reach beyond the
+  // searched square and sometimes find the place from just outside.
   bool right() const {
-    return holds_place() && candidate() && error_m <= tolerance_m && camera_error_m <= tolerance_m + 3 * camera_sigma_m;
+    return (window == "right" || window == "elsewhere") && candidate() && error_m <= tolerance_m &&
+           camera_error_m <= tolerance_m + 3 * camera_sigma_m;
   }
+  bool holds_place() const { return window == "right" || right(); }
   bool accepted() const { return verdict == "accepted"; }
 };
 

@@ -80,6 +80,18 @@ TEST(LookRates, ALineComesBackAsItWas) {
   EXPECT_THROW(look_of("1,painted 9,right,clear,accepted,60,12"), Error);
 }
 
+// The place itself, found from just outside its window, is no false claim; the same coordinates on a mirrored map are.
+TEST(LookRates, ThePlaceFoundFromOutsideItsWindowIsRight) {
+  Look look = made_up("elsewhere", 60);
+  EXPECT_TRUE(knocked_out(look));
+  look.error_m = look.camera_error_m = 2;
+  EXPECT_TRUE(look.right());
+  EXPECT_FALSE(knocked_out(look));
+  look.window = "mirrored";
+  EXPECT_FALSE(look.right());
+  EXPECT_TRUE(knocked_out(look));
+}
+
 TEST(LookRates, TrainingAndJudgingNeverShareASeed) {
   EXPECT_EQ(purpose_of(1), Purpose::train);
   EXPECT_EQ(purpose_of(999), Purpose::train);
