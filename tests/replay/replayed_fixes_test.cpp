@@ -65,8 +65,8 @@ class FixesAgain : public ::testing::Test {
     }
     const std::uint64_t index = flight_.flight.frames.size() - 1;
     const EstimateRecord& record = flight_.estimates.emplace_back(estimate_of(index, late));
-    const auto estimate =
-        vision_estimate(record.estimate, record.state, flight_.flight.frames.back().time_s, std::nullopt);
+    const auto estimate = vision_estimate(record.estimate, record.state, flight_.flight.frames.back().time_s,
+                                          std::nullopt, flight_.session.localizer.integrity_risk);
     stream.on_input(now_us, {index, late}, *estimate);
   }
 

@@ -19,6 +19,7 @@ ReportInput small_input() {
                     .refined = std::vector<Estimate>(3),
                     .truth = Truth(3),
                     .score = {},
+                    .integrity = {},
                     .figures = {{"frames", "3"}},
                     .worst = {},
                     .map = std::nullopt};
