@@ -117,6 +117,8 @@ class Independent(unittest.TestCase):
             if one.Position() is not None:
                 self.assertAlmostEqual(float(row["lat_deg"]), one.Position().LatDeg(), delta=1e-8)
                 self.assertEqual(float(row["sigma_m"]), one.SigmaM())
+                self.assertEqual(float(row["hpl_m"]) if row["hpl_m"] else None, one.HplM())
+        self.assertEqual({True, False}, {row["hpl_m"] == "" for row in rows})
 
     def export(self, recording, name):
         run(NADIR, "recorder", "export", recording, "--format", "csv", "--out", self.folder / name)

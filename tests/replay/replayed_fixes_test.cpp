@@ -98,6 +98,16 @@ class FixesAgain : public ::testing::Test {
   std::vector<EstimateRecord> estimates_;  // of the replay
 };
 
+TEST_F(FixesAgain, AnotherProtectionLevelIsAnotherEstimateAndAnotherFix) {
+  estimates_.front().estimate.hpl_m = 480;  // 100 m as one sigma
+  const Reproduction estimates = compare_estimates(flight_.estimates, estimates_);
+  EXPECT_EQ(estimates.compared - estimates.same, 1U);
+  EXPECT_EQ(estimates.first_other, flight_.estimates.front().estimate.frame);
+  const FixComparison fixes = compared();
+  ASSERT_TRUE(fixes.first);
+  EXPECT_EQ(fixes.first->field, "accuracy_m");
+}
+
 TEST_F(FixesAgain, OfAWholeRecordingAreIdentical) {
   ASSERT_EQ(flight_.flight.frames.size(), kFrames);
   ASSERT_GT(flight_.fixes.size(), 80U);
