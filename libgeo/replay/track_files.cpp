@@ -27,8 +27,8 @@ void EstimatesCsv::check() {
 }
 
 std::string EstimatesCsv::header() {
-  return "frame,time_s,lat_deg,lon_deg,sigma_m,source,segment,anchor_age_s,anchor_inliers,anchor_ratio,latency_ms,hpl_"
-         "m";
+  return "frame,time_s,lat_deg,lon_deg,sigma_m,source,segment,anchor_age_s,anchor_inliers,anchor_ratio,latency_ms,"
+         "hpl_m";
 }
 
 std::string EstimatesCsv::row(const Estimate& e) {

@@ -8,11 +8,14 @@ import pathlib
 import re
 import sqlite3
 import subprocess
+import sys
 import time
 import unittest
 
-from loop.hands import HostClock
-from support import AT, NADIRD, EndToEnd, main, run
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "api"))
+from browser import Browser, find_chromium  # noqa: E402
+from loop.hands import HostClock  # noqa: E402
+from support import AT, NADIRD, EndToEnd, main, run  # noqa: E402
 
 
 class Pipeline(EndToEnd):
@@ -52,8 +55,51 @@ class Pipeline(EndToEnd):
         for name, more in (("one", []), ("two", ["--odometry", "features"])):
             self.good(*self.replay_args(flight, self.folder / name), *more)
             rows = csv.reader((self.folder / name / "estimates.csv").read_text().splitlines())
-            texts.append([row[:10] for row in rows])
+            texts.append([row[:10] + row[11:] for row in rows])  # all but the latency
         self.assertEqual(texts[0], texts[1])
+
+    def test_the_command_line_sets_risk_and_alert_limit(self):
+        flight = self.flight()
+        levels, integrity = {}, {}
+        for name, more in (("default", []), ("lenient", ["--integrity-risk", "0.01"]),
+                           ("near", ["--integrity-risk", "0.01", "--alert-limit-m", "1"])):
+            self.good(*self.replay_args(flight, self.folder / name), *more)
+            rows = list(csv.DictReader((self.folder / name / "estimates.csv").read_text().splitlines()))
+            levels[name] = [row["hpl_m"] for row in rows if row["lat_deg"]]
+            integrity[name] = json.loads((self.folder / name / "summary.json").read_text())["integrity"]
+        # A start that a person gave is wrong with 1e-3: no radius holds it at 1e-5.
+        self.assertEqual({""}, set(levels["default"]))
+        self.assertTrue(all(float(level) > 50 for level in levels["lenient"]), levels)
+        self.assertEqual(levels["lenient"], levels["near"], "the limit changes no estimate")
+        self.assertEqual((100, 1), (integrity["lenient"]["alert_limit_m"], integrity["near"]["alert_limit_m"]))
+        self.assertEqual(0, integrity["near"]["usable_share"])
+        self.assertEqual(3, integrity["default"]["without_level"])
+        for wrong in (["--integrity-risk", "0"], ["--integrity-risk", "0.5"], ["--integrity-risk", "nan"],
+                      ["--alert-limit-m", "0"], ["--alert-limit-m", "1e6"]):
+            self.fails(2, *self.replay_args(flight, self.folder / "wrong"), *wrong, mentions=[wrong[0]],
+                       leaves_nothing=self.folder / "wrong")
+
+    def test_the_report_draws_the_stanford_diagram(self):
+        if not find_chromium():
+            self.skipTest("no chromium here")
+        flight = self.flight()
+        truth = self.folder / "truth.csv"
+        truth.write_text("frame,lat_deg,lon_deg\n" + "".join(f"{i}.jpg,47.4003,8.4992\n" for i in range(3)))
+        for name, more, dots in (("truth", ["--truth", truth], 3), ("blind", [], 0)):
+            self.good(*self.replay_args(flight, self.folder / name), "--integrity-risk", "0.01", *more)
+            browser = Browser(1280, 800)
+            self.addCleanup(browser.close)
+            report = (self.folder / name / "report.html").as_uri()
+            browser.open(report)
+            browser.wait_for("document.querySelector('#chart #level') !== null")
+            self.assertEqual(dots, browser.evaluate("document.querySelectorAll('#stanford svg > circle').length"))
+            self.assertEqual(dots == 0, browser.evaluate("document.getElementById('stanford-card').hidden"))
+            self.assertEqual([], browser.complaints())
+            self.assertEqual([], [url for url in browser.requested() if url != report and not url.startswith("data:")])
+        levels = [row["hpl_m"] for row in csv.DictReader((self.folder / "truth" / "estimates.csv").read_text().splitlines())]
+        figures = json.loads((self.folder / "truth" / "summary.json").read_text())["integrity"]
+        self.assertEqual(3, figures["scored"], levels)
+        self.assertEqual(3, sum(figures[region] for region in ("available", "misleading", "hazardously_misleading", "unavailable", "unavailable_misleading")))
 
     def test_without_a_start_there_is_no_estimate_until_a_match(self):
         self.keys()

@@ -136,7 +136,7 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"time_to_alert_long", "expires:", "integrity: {time_to_alert_s: 61}\nexpires:", "6:30"},
         Fault{"integrity_key", "expires:", "integrity: {alarm_limit_m: 50}\nexpires:", "6:"},
         Fault{"integrity_list", "expires:", "integrity: [1.0e-5]\nexpires:", "6:"},
-        Fault{"integrity_empty", "expires:", "integrity:\nexpires:", "6:"},
+        Fault{"integrity_empty", "expires:", "integrity:\nexpires:", "7:1"},
         Fault{"alias", "series: village", "series: *x", "3:"}),
     [](const auto& param) { return param.param.name; });
 

@@ -41,7 +41,7 @@ const drawStanford = (host) => {
     svg.append(svgElement("text", { transform: `translate(13 ${(height - bottom + upper) / 2}) rotate(-90)`, "text-anchor": "middle" }, "protection level"));
     svg.append(svgElement("path", { d: `M${x(least)} ${y(least)}L${x(top)} ${y(top)}`, stroke: "var(--soft)", "stroke-width": 1.5 }));
     svg.append(svgElement("path", { d: `M${left} ${y(limit)}H${width - right}M${x(limit)} ${upper}V${height - bottom}`, stroke: "var(--bad)", "stroke-width": 1.5, "stroke-dasharray": "6 4" }));
-    svg.append(svgElement("text", { class: "limit", x: left + 6, y: y(limit) - 6 }, `alert limit ${metres(limit)}`));
+    svg.append(svgElement("text", { class: "limit", x: width - right - 6, y: y(limit) - 6, "text-anchor": "end" }, `alert limit ${metres(limit)}`));
     for (const point of points) {
       const dot = svgElement("circle", { cx: x(point.error), cy: y(point.hpl), r: 3.6, fill: sources[point.source].colour, stroke: "var(--card)", "stroke-width": 1 });
       dot.addEventListener("pointerenter", () => select(point.index));
