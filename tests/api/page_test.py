@@ -51,7 +51,8 @@ class Page(unittest.TestCase):
         browser.wait_for(IS.format("state", "normal"))
         browser.wait_for(TEXT.format("sigma") + " === '2.8m'")
         self.assertEqual("18m", browser.evaluate(TEXT.format("hpl")))
-        self.assertIn("limit 100 m", browser.evaluate(TEXT.format("hpl-limit")))
+        self.assertEqual("protection level", browser.evaluate(TEXT.format("hpl-limit")))
+        self.assertIn("alert limit 100 m", browser.evaluate("document.getElementById('hpl-limit').title"))
         colour = "getComputedStyle(document.getElementById('hpl')).color"
         usable = browser.evaluate(colour)
         self.assertEqual("anchored to the map", browser.evaluate(TEXT.format("reason")))
