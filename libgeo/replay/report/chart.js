@@ -20,7 +20,9 @@ const drawChart = (host) => {
     }
   }
   const radius = (frame) => frame.east == null ? null : 2.448 * frame.sigma;
-  const values = data.frames.flatMap((frame) => [frame.error, radius(frame), frame.hpl]).filter((v) => v != null).sort((a, b) => a - b);
+  // Levels far beyond the alert limit are cut at the top: errors must stay readable.
+  const level = (frame) => frame.hpl == null ? null : Math.min(frame.hpl, 1.5 * data.integrity.limit);
+  const values = data.frames.flatMap((frame) => [frame.error, radius(frame), level(frame)]).filter((v) => v != null).sort((a, b) => a - b);
   if (values.length === 0) { host.append(element("p", { class: "note" }, "No frame has a position.")); return; }
   // One wild value must not flatten everything else: what lies above the top is drawn at the edge as a triangle.
   const usual = values[Math.floor(0.97 * (values.length - 1))], largest = values[values.length - 1];
