@@ -79,6 +79,20 @@ class Pipeline(EndToEnd):
             self.fails(2, *self.replay_args(flight, self.folder / "wrong"), *wrong, mentions=[wrong[0]],
                        leaves_nothing=self.folder / "wrong")
 
+    def test_the_mission_of_the_package_sets_risk_and_alert_limit_unless_the_command_line_does(self):
+        self.keys()
+        package = self.build(change=lambda text: text + "integrity: {risk: 0.01, alert_limit_m: 55}\n")
+        flight = self.flight()
+        found = {}
+        for name, more in (("mission", []), ("line", ["--integrity-risk", "1e-5", "--alert-limit-m", "20"])):
+            self.good(*self.replay_args(flight, self.folder / name), "--package", package, "--trust", self.folder / "root.json",
+                      "--at", AT, *more)
+            rows = list(csv.DictReader((self.folder / name / "estimates.csv").read_text().splitlines()))
+            integrity = json.loads((self.folder / name / "summary.json").read_text())["integrity"]
+            found[name] = (integrity["alert_limit_m"], [row["hpl_m"] != "" for row in rows if row["lat_deg"]])
+        self.assertEqual((55, [True] * 3), found["mission"])
+        self.assertEqual((20, [False] * 3), found["line"], "a start is wrong with 1e-3")
+
     def test_the_report_draws_the_stanford_diagram(self):
         if not find_chromium():
             self.skipTest("no chromium here")
