@@ -60,10 +60,12 @@ class Pipeline(EndToEnd):
 
     def test_the_command_line_sets_risk_and_alert_limit(self):
         flight = self.flight()
+        self.keys()
+        mapped = ["--package", self.build(), "--trust", self.folder / "root.json", "--at", AT]
         levels, integrity = {}, {}
         for name, more in (("default", []), ("lenient", ["--integrity-risk", "0.01"]),
                            ("near", ["--integrity-risk", "0.01", "--alert-limit-m", "1"])):
-            self.good(*self.replay_args(flight, self.folder / name), *more)
+            self.good(*self.replay_args(flight, self.folder / name), *mapped, *more)
             rows = list(csv.DictReader((self.folder / name / "estimates.csv").read_text().splitlines()))
             levels[name] = [row["hpl_m"] for row in rows if row["lat_deg"]]
             integrity[name] = json.loads((self.folder / name / "summary.json").read_text())["integrity"]
@@ -97,10 +99,12 @@ class Pipeline(EndToEnd):
         if not find_chromium():
             self.skipTest("no chromium here")
         flight = self.flight()
+        self.keys()
+        mapped = ["--package", self.build(), "--trust", self.folder / "root.json", "--at", AT]
         truth = self.folder / "truth.csv"
         truth.write_text("frame,lat_deg,lon_deg\n" + "".join(f"{i}.jpg,47.4003,8.4992\n" for i in range(3)))
         for name, more in (("truth", ["--truth", truth]), ("blind", [])):
-            self.good(*self.replay_args(flight, self.folder / name), "--integrity-risk", "0.01", *more)
+            self.good(*self.replay_args(flight, self.folder / name), *mapped, "--integrity-risk", "0.01", *more)
             rows = csv.DictReader((self.folder / name / "estimates.csv").read_text().splitlines())
             levels = [row["hpl_m"] for row in rows if row["hpl_m"]]
             self.assertGreater(len(levels), 0)

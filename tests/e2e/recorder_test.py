@@ -5,7 +5,7 @@ import json
 import shutil
 import unittest
 
-from support import EndToEnd, main, run
+from support import AT, EndToEnd, main, run
 
 
 class Recorder(EndToEnd):
@@ -32,12 +32,14 @@ class Recorder(EndToEnd):
         self.assertEqual({"compared": 3, "same": 3}, json.loads(result.stdout)["reproduced"])
 
     def test_a_recorded_flight_keeps_its_integrity_risk(self):
-        recording = self.record("r", "--integrity-risk", "0.01")
-        result = self.again(recording, "--frames", self.frames, "--integrity-risk", "0.001")
+        self.keys()
+        mapped = ["--package", self.build(), "--trust", self.folder / "root.json", "--at", AT]
+        recording = self.record("r", "--integrity-risk", "0.01", *mapped)
+        result = self.again(recording, "--frames", self.frames, *mapped, "--integrity-risk", "0.001")
         self.assertEqual(2, result.returncode)
         self.assertIn("--integrity-risk", result.stderr)
         self.assertFalse((self.folder / "again").exists())
-        result = self.again(recording, "--frames", self.frames, "--alert-limit-m", "7")
+        result = self.again(recording, "--frames", self.frames, *mapped, "--alert-limit-m", "7")
         self.assertEqual(0, result.returncode, result.stderr)
         document = json.loads(result.stdout)
         self.assertEqual({"compared": 3, "same": 3}, document["reproduced"])
