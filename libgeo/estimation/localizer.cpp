@@ -664,6 +664,7 @@ std::vector<Estimate> Localizer::refined() const {
   for (std::size_t i = 0; i < estimates.size(); ++i) {
     Estimate& estimate = estimates[i];
     estimate.covariance_m2 = smoothed[i].covariance_m2;
+    estimate.hpl_m.reset();  // that of the belief in flight is not about this position
     if (s.last_anchor) estimate.covariance_m2 += s.shared_error_m2(map_sigmas_m[i]);
     estimate.sigma_m = std::sqrt(0.5 * estimate.covariance_m2.trace());
     const bool known = estimate.sigma_m <= s.config.no_fix_sigma_m;

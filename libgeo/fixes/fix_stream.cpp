@@ -5,6 +5,8 @@
 #include <limits>
 #include <utility>
 
+#include "estimation/protection_level.hpp"
+
 namespace nadir {
 namespace {
 
@@ -68,12 +70,12 @@ std::optional<DueFix> FixStream::turn(std::int64_t now_us, std::int64_t unix_us,
 }
 
 std::optional<VisionEstimate> vision_estimate(const Estimate& estimate, const StateEstimate& state, double captured_s,
-                                              std::optional<double> ground_msl_m) {
+                                              std::optional<double> ground_msl_m, double integrity_risk) {
   if (!estimate.position || !(std::abs(captured_s) < kMaxTime_s)) return std::nullopt;
   VisionEstimate vision;
   vision.time_us = std::llround(captured_s * 1e6);
   vision.place = *estimate.position;
-  vision.sigma_m = estimate.sigma_m;
+  vision.sigma_m = bounding_sigma_m(estimate.sigma_m, estimate.hpl_m, integrity_risk);
   vision.east_mps = state.velocity_mps.x();
   vision.north_mps = state.velocity_mps.y();
   vision.speed_sigma_mps = state.velocity_sigma_mps;

@@ -60,9 +60,10 @@ class FixStream {
 };
 
 // An estimate of a frame that was captured at that time; ground_msl_m: of the ground beneath it, where it is known.
-// Nothing without a position, or when the time is none.
+// Nothing without a position, or when the time is none. Its σ bounds the protection level at the risk as well
+// (estimation/protection_level.hpp): docs/autopilot.md says why.
 std::optional<VisionEstimate> vision_estimate(const Estimate& estimate, const StateEstimate& state, double captured_s,
-                                              std::optional<double> ground_msl_m);
+                                              std::optional<double> ground_msl_m, double integrity_risk);
 
 // A fix that was sent, without the aircraft's real receiver.
 FixRecord fix_record(const DueFix& sent);

@@ -108,7 +108,11 @@ WatchedStatus parse_watched_status(std::string_view json_text) {
     status.lon_deg = number(position, "lon");
     status.lat_deg = number(position, "lat");
     status.sigma_m = number(position, "sigma_m");
+    status.hpl_m = number(position, "hpl_m");
   }
+  const JsonReader integrity = in.object("integrity");
+  status.usable = integrity.boolean("usable");
+  status.alert_limit_m = number_or_zero(integrity, "alert_limit_m");
   if (!in.is_null("velocity")) {
     const JsonReader velocity = in.object("velocity");
     status.speed_mps = std::hypot(number_or_zero(velocity, "east_m_s"), number_or_zero(velocity, "north_m_s"));

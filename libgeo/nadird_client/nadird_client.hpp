@@ -43,6 +43,9 @@ struct WatchedStatus {
   std::string boot, state, reason, source;
   double age_s = 0, state_for_s = 0;
   std::optional<double> lon_deg, lat_deg, sigma_m, anchor_age_s, heading_deg, agl_m, speed_mps, frame_age_s, link_age_s;
+  std::optional<double> hpl_m;
+  double alert_limit_m = 0;
+  bool usable = false;
   double frames_per_s = 0;
   std::uint64_t frames_received = 0, frames_dropped = 0, anchors_accepted = 0, anchors_rejected = 0, anchors_failed = 0;
   std::uint64_t corrupt_tiles = 0;

@@ -44,6 +44,12 @@ std::string position_of(const WatchedStatus& status) {
   return fmt::format("{:.6f}, {:.6f} ({})", *status.lat_deg, *status.lon_deg, status.source);
 }
 
+std::string protection_of(const WatchedStatus& status) {
+  if (!status.lat_deg) return "no position";
+  const std::string level = known(status.hpl_m, "{:.1f} m", "no radius is known");
+  return status.usable ? level : fmt::format("{}: NOT USABLE, alert limit {:.0f} m", level, status.alert_limit_m);
+}
+
 std::string short_duration(double seconds) {
   if (seconds < 100) return fmt::format("{:.0f} s", seconds);
   if (seconds < 6000) return fmt::format("{:.0f} min", seconds / 60);
@@ -87,14 +93,15 @@ std::vector<std::string> status_screen(const WatchedStatus& status, bool colour)
   if (status.stalled()) {
     lines.push_back(fmt::format("STALE: the flight thread has been silent for {}", short_duration(status.age_s)));
   }
-  lines.insert(lines.end(), {"", row("position", position_of(status)), row("sigma", known(status.sigma_m, "{:.1f} m")),
-                             row("anchor age", known(status.anchor_age_s, "{:.1f} s", "none yet")),
-                             row("speed", known(status.speed_mps, "{:.1f} m/s")),
-                             row("heading", known(status.heading_deg, "{:03.0f}°")),
-                             row("height", known(status.agl_m, "{:.0f} m above ground")), "",
-                             row("frames", frames_of(status)), row("anchors", anchors_of(status)),
-                             row("autopilot", link_of(status)), row("GPS", with_reason(status.gps, status.gps_reason)),
-                             row("recorder", with_reason(status.recorder, status.recorder_reason))});
+  lines.insert(
+      lines.end(),
+      {"", row("position", position_of(status)), row("sigma", known(status.sigma_m, "{:.1f} m")),
+       row("protection", protection_of(status)), row("anchor age", known(status.anchor_age_s, "{:.1f} s", "none yet")),
+       row("speed", known(status.speed_mps, "{:.1f} m/s")), row("heading", known(status.heading_deg, "{:03.0f}°")),
+       row("height", known(status.agl_m, "{:.0f} m above ground")), "", row("frames", frames_of(status)),
+       row("anchors", anchors_of(status)), row("autopilot", link_of(status)),
+       row("GPS", with_reason(status.gps, status.gps_reason)),
+       row("recorder", with_reason(status.recorder, status.recorder_reason))});
   if (status.corrupt_tiles > 0)
     lines.push_back(
         row("map", fmt::format("{} CORRUPT {}", status.corrupt_tiles, status.corrupt_tiles == 1 ? "TILE" : "TILES")));
@@ -112,9 +119,10 @@ std::vector<std::string> status_screen(const WatchedStatus& status, bool colour)
 
 std::string status_line(const WatchedStatus& status) {
   return fmt::format(
-      "{}{}, {}, sigma {}, anchor {}, {:.1f} frames/s ({} dropped), anchors {} accepted, {} rejected, GPS {}, recorder "
-      "{}",
+      "{}{}, {}, sigma {}, protection level {}{}, anchor {}, {:.1f} frames/s ({} dropped), anchors {} accepted, {} "
+      "rejected, GPS {}, recorder {}",
       status.stalled() ? "STALE: " : "", status.state, status.source, known(status.sigma_m, "{:.1f} m", "none"),
+      known(status.hpl_m, "{:.1f} m", "none"), status.usable ? "" : " (NOT USABLE)",
       known(status.anchor_age_s, "{:.1f} s ago", "none"), status.frames_per_s, status.frames_dropped,
       status.anchors_accepted, status.anchors_rejected, status.gps, status.recorder);
 }

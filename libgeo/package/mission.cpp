@@ -229,12 +229,28 @@ std::vector<std::string> read_airframes(const YamlNode& node) {
   return airframes;
 }
 
+IntegrityRequirement read_integrity(const YamlNode& node) {
+  node.allow_only({"risk", "alert_limit_m", "time_to_alert_s"});
+  IntegrityRequirement integrity;
+  if (const auto risk = node.optional("risk")) {
+    integrity.risk =
+        number_between(*risk, kMinIntegrityRisk, kMaxIntegrityRisk, "of being outside the protection level, per look");
+  }
+  if (const auto limit = node.optional("alert_limit_m")) {
+    integrity.alert_limit_m = number_between(*limit, kMinAlertLimit_m, kMaxAlertLimit_m, "metres");
+  }
+  if (const auto time = node.optional("time_to_alert_s")) {
+    integrity.time_to_alert_s = number_between(*time, kMinTimeToAlert_s, kMaxTimeToAlert_s, "seconds");
+  }
+  return integrity;
+}
+
 void read_root(const YamlNode& root, PartReader& reader, Mission& mission) {
   std::optional<LonLat> takeoff;
   bool has_created = false, has_zoom = false;
   reader.attempt([&] {
     root.allow_only({"schema", "id", "series", "sequence", "created", "expires", "takeoff", "terrain", "zoom",
-                     "min_resolution_m", "budget_mb", "freshness_days", "airframes", "sectors", "route"});
+                     "min_resolution_m", "budget_mb", "freshness_days", "airframes", "sectors", "route", "integrity"});
   });
   reader.attempt([&] {
     const YamlNode schema = root.required("schema");
@@ -280,6 +296,9 @@ void read_root(const YamlNode& root, PartReader& reader, Mission& mission) {
   reader.attempt([&] { mission.airframes = read_airframes(root.required("airframes")); });
   reader.attempt([&] { read_sectors(root.required("sectors"), takeoff, reader, mission); });
   reader.attempt([&] { mission.route = read_route(root.required("route"), takeoff); });
+  reader.attempt([&] {
+    if (const auto node = root.optional("integrity")) mission.integrity = read_integrity(*node);
+  });
 }
 
 }  // namespace

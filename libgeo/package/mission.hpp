@@ -1,7 +1,7 @@
 // What a mission needs from its map: where it flies, how fine and how fresh the imagery must be, and for whom the
 // package is made. Written by people as YAML (schema nadir.mission/1, schemas/mission.schema.json).
 //
-// Units as in the file: degrees (longitude, latitude, WGS84), metres, days, megabytes (10^6 bytes).
+// Units as in the file: degrees (longitude, latitude, WGS84), metres, seconds, days, megabytes (10^6 bytes).
 #pragma once
 
 #include <cstdint>
@@ -51,6 +51,20 @@ struct Terrain {
   double height_m = 0;  // of the flat ground; with an elevation model only of the local plane of coordinates
 };
 
+// Which positions may be used. Optional in the file, as a whole and each value.
+//
+// The protection level of a position is the radius that holds the aircraft with all but the risk. Within the alert
+// limit the position is usable; otherwise the operator knows within the time to alert.
+struct IntegrityRequirement {
+  double risk = 1e-5;  // per look at the map
+  double alert_limit_m = 100;
+  double time_to_alert_s = 3;
+};
+
+inline constexpr double kMinIntegrityRisk = 1e-9, kMaxIntegrityRisk = 1e-2;
+inline constexpr double kMinAlertLimit_m = 1, kMaxAlertLimit_m = 10'000;
+inline constexpr double kMinTimeToAlert_s = 0.5, kMaxTimeToAlert_s = 60;
+
 struct Mission {
   std::string id;
   std::string series;         // packages of one series replace each other, by sequence
@@ -66,6 +80,7 @@ struct Mission {
   std::vector<std::string> airframes;  // kAnyAirframe: every airframe
   std::vector<Sector> sectors;
   Route route;
+  IntegrityRequirement integrity;
 
   bool allows(std::string_view airframe) const;
 };

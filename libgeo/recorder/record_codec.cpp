@@ -284,7 +284,8 @@ Bytes encode(const EstimateRecord& record) {
                 fbs::CreateEstimate(builder, record.index, frame, e.time_s, e.position ? &at : nullptr, e.sigma_m,
                                     &covariance, static_cast<fbs::Source>(static_cast<std::uint8_t>(e.source)),
                                     e.segment, optional(e.anchor_age_s), e.anchor_inliers, e.anchor_ratio, e.latency_ms,
-                                    record.odometry.tracked, record.odometry.inliers, record.odometry.step_m, &belief));
+                                    record.odometry.tracked, record.odometry.inliers, record.odometry.step_m, &belief,
+                                    optional(e.hpl_m)));
 }
 
 bool decode(ByteView bytes, EstimateRecord& record) {
@@ -314,6 +315,7 @@ bool decode(ByteView bytes, EstimateRecord& record) {
                     b->agl_sigma_m()};
   }
   record.odometry = {table->tracked(), table->odometry_inliers(), table->odometry_step_m()};
+  e.hpl_m = optional(table->hpl_m());
   return true;
 }
 
@@ -323,10 +325,10 @@ Bytes encode(const AnchorRecord& record) {
   const auto frame = builder.CreateString(record.frame);
   std::optional<fbs::PlanePoint> camera;
   if (a.camera) camera.emplace(a.camera->east_m, a.camera->north_m);
-  return finish(builder,
-                fbs::CreateAnchor(builder, record.index, frame, record.time_s, verdict(a.verdict), a.score, a.ratio,
-                                  a.inliers, a.patches, a.residual_px, a.matching_gsd_m, a.chi2,
-                                  camera ? &*camera : nullptr, a.heading_rad, a.window_radius_m, record.taken_after));
+  return finish(builder, fbs::CreateAnchor(builder, record.index, frame, record.time_s, verdict(a.verdict), a.score,
+                                           a.ratio, a.inliers, a.patches, a.residual_px, a.matching_gsd_m, a.chi2,
+                                           camera ? &*camera : nullptr, a.heading_rad, a.window_radius_m,
+                                           record.taken_after, a.log_likelihood_ratio, a.place_doubt));
 }
 
 bool decode(ByteView bytes, AnchorRecord& record) {
@@ -348,6 +350,8 @@ bool decode(ByteView bytes, AnchorRecord& record) {
   a.heading_rad = table->heading_rad();
   a.window_radius_m = table->window_radius_m();
   record.taken_after = table->taken_after();
+  a.log_likelihood_ratio = table->log_likelihood_ratio();
+  a.place_doubt = table->place_doubt();
   return true;
 }
 

@@ -139,6 +139,7 @@ std::unique_ptr<ReadyFlight> FlightRequest::open(Context& context, const std::fi
   ReplaySetup setup{.frame = LocalFrame(ready->recorded ? ready->recorded->session.origin : start_.value_or(LonLat{})),
                     .tiles = nullptr,
                     .start = start_,
+                    .integrity_risk = std::nullopt,
                     .area = std::nullopt,
                     .surface = nullptr,
                     .places = nullptr,
@@ -157,6 +158,7 @@ std::unique_ptr<ReadyFlight> FlightRequest::open(Context& context, const std::fi
     const OpenPackage& package = *ready->package;
     setup.frame = mission_frame(package.mission());
     setup.area = required_region(package.mission(), setup.frame).bounds();
+    setup.integrity_risk = package.mission().integrity.risk;
     setup.tiles = &package.imagery();
     ready->places = PlaceIndex::open(package.folder(), package.manifest());
     if (ready->places) setup.places = &*ready->places;

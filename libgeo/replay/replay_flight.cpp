@@ -102,6 +102,7 @@ void RecordedOrder::finish(const LateAnchor& anchor, FrameReport& report, std::v
 LocalizerConfig localizer_config(const ReplaySetup& setup) {
   LocalizerConfig config;
   config.area = setup.area;
+  if (setup.integrity_risk) config.integrity_risk = *setup.integrity_risk;
   if (setup.recorded != nullptr) config = setup.recorded->session.localizer;
   config.surface = setup.surface;
   const bool with_places = setup.recorded == nullptr || setup.recorded->session.places;

@@ -33,6 +33,7 @@ struct ReplaySetup {
   LocalFrame frame;                   // the plane of the estimates
   const TileSource* tiles = nullptr;  // null: odometry alone
   std::optional<LonLat> start;
+  std::optional<double> integrity_risk{};  // per look; nothing: the default
   std::optional<PlaneBox> area;            // where the flight can be, when its start is not known
   const GroundSurface* surface = nullptr;  // null: flat ground
   const PlaceRetrieval* places = nullptr;  // null: when lost, all of the area is searched

@@ -193,7 +193,8 @@ class FixReplay {
     const Estimate& estimate = record.estimate;
     std::optional<double> ground_msl_m;
     if (estimate.position && terrain_ != nullptr) ground_msl_m = terrain_->msl_m(*estimate.position);
-    return vision_estimate(estimate, record.state, recorded_.flight.frames.at(record.index).time_s, ground_msl_m);
+    return vision_estimate(estimate, record.state, recorded_.flight.frames.at(record.index).time_s, ground_msl_m,
+                           recorded_.session.localizer.integrity_risk);
   }
 
   const RecordedFlight& recorded_;

@@ -39,6 +39,7 @@ json frame_json(const FrameReport& report, const std::optional<double>& error_m,
                {"error", error_m ? json(rounded(*error_m)) : json()},
                {"covariance", {0, 0, 0}},
                {"sigma", rounded(e.sigma_m)},
+               {"hpl", e.position && e.hpl_m ? json(rounded(*e.hpl_m)) : json()},
                {"anchor", anchor_json(report.anchor)},
                {"odometry",
                 {{"tracked", report.odometry.tracked},
@@ -86,6 +87,16 @@ json tiles_json(const Score& score) {
   return tiles;
 }
 
+json integrity_json(const IntegrityFigures& integrity) {
+  const std::size_t misleading = integrity.misleading + integrity.unavailable_misleading;
+  return {{"limit", integrity.alert_limit_m},
+          {"counts",
+           {{"available", integrity.available},
+            {"unavailable", integrity.unavailable},
+            {"misleading", misleading},
+            {"hazardously misleading", integrity.hazardously_misleading}}}};
+}
+
 json page_data(const ReportInput& input) {
   std::vector<Estimate> estimates;
   for (const FrameReport& report : input.frames) estimates.push_back(report.estimate);
@@ -95,6 +106,7 @@ json page_data(const ReportInput& input) {
                {"subtitle", input.subtitle},
                {"generator", fmt::format("Created by nadir {}", kVersion)},
                {"tiles", tiles_json(input.score)},
+               {"integrity", integrity_json(input.integrity)},
                {"figures", json::array()},
                {"frames", json::array()},
                {"refined", json::array()},

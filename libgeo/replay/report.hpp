@@ -56,6 +56,7 @@ struct ReportInput {
   std::vector<Estimate> refined;
   Truth truth;  // as many as frames
   Score score;
+  IntegrityFigures integrity;
   Figures figures;
   std::vector<FrameImages> worst;
   std::optional<ReportMap> map;

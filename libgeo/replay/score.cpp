@@ -145,6 +145,38 @@ Score score(const std::vector<Estimate>& estimates, const Truth& truth, const Lo
   return result;
 }
 
+IntegrityFigures integrity_figures(const std::vector<Estimate>& estimates, const Truth& truth, const LocalFrame& frame,
+                                   double alert_limit_m) {
+  IntegrityFigures result;
+  result.alert_limit_m = alert_limit_m;
+  result.frames = estimates.size();
+  const auto errors = errors_m(estimates, truth, frame);
+  std::vector<double> levels_m;
+  for (std::size_t i = 0; i < estimates.size(); ++i) {
+    result.has_truth = result.has_truth || (i < truth.size() && truth[i]);
+    if (!estimates[i].position) continue;
+    const std::optional<double>& level_m = estimates[i].hpl_m;
+    if (!level_m) {
+      ++result.without_level;
+      continue;
+    }
+    levels_m.push_back(*level_m);
+    const bool within = *level_m <= alert_limit_m;
+    result.usable += within;
+    if (!errors[i]) continue;
+    ++result.scored;
+    const bool held = *errors[i] <= *level_m;
+    if (!within) {
+      ++(held ? result.unavailable : result.unavailable_misleading);
+    } else {
+      ++(held ? result.available : *errors[i] <= alert_limit_m ? result.misleading : result.hazardously_misleading);
+    }
+  }
+  result.hpl_p50_m = quantile(levels_m, 0.5);
+  result.hpl_p95_m = quantile(levels_m, 0.95);
+  return result;
+}
+
 namespace {
 
 constexpr SourceLabel kSources[] = {SourceLabel::satellite_anchored, SourceLabel::vo_extrapolated,
@@ -168,6 +200,22 @@ nlohmann::json json_from(const ErrorFigures& e) {
           {"inside_95_share", share_of(e.inside_95_share)}};
 }
 
+nlohmann::json json_from(const IntegrityFigures& i) {
+  nlohmann::json document = {{"alert_limit_m", i.alert_limit_m},
+                             {"usable_share", share_of(share(i.usable, i.frames))},
+                             {"without_level", i.without_level},
+                             {"hpl_p50_m", millimetres(i.hpl_p50_m)},
+                             {"hpl_p95_m", millimetres(i.hpl_p95_m)}};
+  if (!i.has_truth) return document;
+  document.update({{"scored", i.scored},
+                   {"available", i.available},
+                   {"misleading", i.misleading},
+                   {"hazardously_misleading", i.hazardously_misleading},
+                   {"unavailable", i.unavailable},
+                   {"unavailable_misleading", i.unavailable_misleading}});
+  return document;
+}
+
 std::string percent(double share) { return fmt::format("{:.1f} %", 100 * share); }
 
 }  // namespace
@@ -184,7 +232,8 @@ nlohmann::json json_from(const Summary& summary) {
                              {"latency_p50_ms", rounded_to(s.latency.p50_ms, 10)},
                              {"latency_p95_ms", rounded_to(s.latency.p95_ms, 10)},
                              {"latency_max_ms", rounded_to(s.latency.max_ms, 10)},
-                             {"peak_memory_mb", rounded_to(summary.peak_memory_mb, 10)}};
+                             {"peak_memory_mb", rounded_to(summary.peak_memory_mb, 10)},
+                             {"integrity", json_from(summary.integrity)}};
   if (s.errors) document.update(json_from(*s.errors));
   if (summary.refined.errors) document["refined"] = json_from(*summary.refined.errors);
   return document;
@@ -211,6 +260,21 @@ Figures figures_from(const Summary& summary) {
   if (const auto& e = summary.refined.errors) {
     figures.emplace_back("smoothed: median error", fmt::format("{:.1f} m", e->median_m));
     figures.emplace_back("smoothed: 95 % of errors below", fmt::format("{:.1f} m", e->p95_m));
+  }
+  const IntegrityFigures& i = summary.integrity;
+  figures.emplace_back(fmt::format("protection level within {} m", i.alert_limit_m),
+                       percent(share(i.usable, i.frames)));
+  if (i.hpl_p50_m > 0) {
+    figures.emplace_back("protection level, median", fmt::format("{:.0f} m", i.hpl_p50_m));
+    figures.emplace_back("protection level, 95 %", fmt::format("{:.0f} m", i.hpl_p95_m));
+  }
+  if (i.without_level != 0) {
+    figures.emplace_back("positions without a protection level", fmt::format("{}", i.without_level));
+  }
+  if (i.has_truth) {
+    figures.emplace_back("misleading (error beyond the level)",
+                         fmt::format("{}", i.misleading + i.hazardously_misleading + i.unavailable_misleading));
+    figures.emplace_back("hazardously misleading", fmt::format("{}", i.hazardously_misleading));
   }
   figures.emplace_back("time per frame, median", fmt::format("{:.0f} ms", s.latency.p50_ms));
   figures.emplace_back("time per frame, 95 %", fmt::format("{:.0f} ms", s.latency.p95_ms));

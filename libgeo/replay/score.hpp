@@ -37,6 +37,26 @@ struct ErrorFigures {
   std::size_t wrong_anchors = 0;                        // labelled satellite_anchored, more than kWrongAnchor_m off
 };
 
+// Protection levels (estimation/belief.hpp) against the alert limit and, where truth is known, against the errors: the
+// regions of the Stanford diagram (Walter et al., "Integrity lessons from the WAAS integrity performance panel", 2003).
+//
+//                       error <= level     error > level
+//   level <= limit      available          misleading; hazardously where the error is beyond the limit as well
+//   level > limit       unavailable        unavailable and misleading: nobody used it
+struct IntegrityFigures {
+  double alert_limit_m = 100;
+  std::size_t frames = 0;
+  std::size_t usable = 0;         // with a position whose level is within the limit
+  std::size_t without_level = 0;  // with a position, and no radius is known to hold it
+  double hpl_p50_m = 0, hpl_p95_m = 0;
+  bool has_truth = false;
+  std::size_t scored = 0;  // with a position, a level and a truth: the sum of the following
+  std::size_t available = 0, misleading = 0, hazardously_misleading = 0, unavailable = 0, unavailable_misleading = 0;
+};
+
+IntegrityFigures integrity_figures(const std::vector<Estimate>& estimates, const Truth& truth, const LocalFrame& frame,
+                                   double alert_limit_m);
+
 struct LatencyFigures {
   double p50_ms = 0, p95_ms = 0, max_ms = 0;
 };
@@ -62,6 +82,7 @@ double quantile(std::vector<double> values, double share);
 struct Summary {
   Score streamed;
   Score refined;
+  IntegrityFigures integrity;
   double peak_memory_mb = 0;  // of this process, 10^6 bytes
 };
 

@@ -27,7 +27,8 @@ void EstimatesCsv::check() {
 }
 
 std::string EstimatesCsv::header() {
-  return "frame,time_s,lat_deg,lon_deg,sigma_m,source,segment,anchor_age_s,anchor_inliers,anchor_ratio,latency_ms";
+  return "frame,time_s,lat_deg,lon_deg,sigma_m,source,segment,anchor_age_s,anchor_inliers,anchor_ratio,latency_ms,"
+         "hpl_m";
 }
 
 std::string EstimatesCsv::row(const Estimate& e) {
@@ -42,8 +43,9 @@ std::string EstimatesCsv::row(const Estimate& e) {
     for (const char c : e.frame) name += c == '"' ? std::string("\"\"") : std::string(1, c);
     name += '"';
   }
-  return fmt::format("{},{:.3f},{},{},{},{},{:.1f}", name, e.time_s, place, name_of(e.source), e.segment, anchor,
-                     e.latency_ms);
+  const std::string hpl = e.position && e.hpl_m ? fmt::format("{:.3f}", *e.hpl_m) : "";
+  return fmt::format("{},{:.3f},{},{},{},{},{:.1f},{}", name, e.time_s, place, name_of(e.source), e.segment, anchor,
+                     e.latency_ms, hpl);
 }
 
 namespace {

@@ -45,6 +45,14 @@ struct PositionView {
   LonLat place;
   double sigma_m = 0;  // 1-sigma error per axis (equivalent circular)
   double east_var_m2 = 0, north_var_m2 = 0, east_north_cov_m2 = 0;
+  std::optional<double> hpl_m{};  // protection level; nothing: no radius is known
+};
+
+// What the mission demands of a position, and whether this one meets it.
+struct IntegrityView {
+  bool usable = false;
+  double risk = 1e-5;  // per look, of being outside the protection level
+  double alert_limit_m = 100, time_to_alert_s = 3;
 };
 
 struct VelocityView {
@@ -128,6 +136,7 @@ struct FlightView {
   std::optional<UtcTime> utc;
   StateView state;
   std::optional<PositionView> position;
+  IntegrityView integrity;
   SourceLabel source = SourceLabel::no_fix;
   std::optional<double> anchored_s;  // capture of the frame that was matched last
   std::optional<double> heading_rad, pitch_rad, roll_rad;

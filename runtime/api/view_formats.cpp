@@ -52,6 +52,7 @@ json position_json(const std::optional<PositionView>& position) {
   return {{"lon", number(position->place.lon_deg)},
           {"lat", number(position->place.lat_deg)},
           {"sigma_m", number(position->sigma_m)},
+          {"hpl_m", number(position->hpl_m)},
           {"covariance_m2",
            {number(position->east_var_m2), number(position->east_north_cov_m2), number(position->north_var_m2)}},
           {"ellipse", ellipse(*position)}};
@@ -73,6 +74,11 @@ json state_json(const FlightView& view, double age_s) {
                 {"reason", printable(view.state.reason)},
                 {"state_for_s", number(now_s - view.state.since_s)},
                 {"position", position_json(view.position)},
+                {"integrity",
+                 {{"usable", view.integrity.usable},
+                  {"risk", number(view.integrity.risk)},
+                  {"alert_limit_m", number(view.integrity.alert_limit_m)},
+                  {"time_to_alert_s", number(view.integrity.time_to_alert_s)}}},
                 {"source", name_of(view.source)},
                 {"anchor_age_s", age_of(view.anchored_s)},
                 {"heading_deg", heading_deg(view.heading_rad)},
@@ -267,6 +273,8 @@ class MetricsText {
   fmt::memory_buffer text_;
 };
 
+std::optional<double> hpl_of(const FlightView& view) { return view.position ? view.position->hpl_m : std::nullopt; }
+
 std::optional<double> sigma_of(const FlightView& view) {
   return view.position ? std::optional(view.position->sigma_m) : std::nullopt;
 }
@@ -282,6 +290,8 @@ std::string metrics_text(const FlightView& view, double age_s, const ServerCount
   text.one_of("source", "Source of the position.", name_of(view.source),
               {"satellite_anchored", "vo_extrapolated", "dead_reckoned", "no_fix"}, "source");
   text.gauge("position_sigma_meters", "1-sigma position error per axis.", sigma_of(view));
+  text.gauge("protection_level_metres", "Radius that holds all but the integrity risk.", hpl_of(view));
+  text.gauge("position_usable", "Whether it is within the alert limit.", view.integrity.usable ? 1.0 : 0.0);
   const auto age_of = [&](const std::optional<double>& time_s) {
     return time_s ? std::optional(std::max(0.0, view.time_s + age_s - *time_s)) : std::nullopt;
   };

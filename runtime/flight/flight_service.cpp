@@ -26,6 +26,16 @@ Airframe fix_aided(Airframe airframe) {
   return airframe;
 }
 
+ServiceConfig service_config(const OpenPackage* package) {
+  ServiceConfig config;
+  if (package == nullptr) return config;
+  const IntegrityRequirement& integrity = package->mission().integrity;
+  config.integrity_risk = integrity.risk;
+  config.alert_limit_m = integrity.alert_limit_m;
+  config.time_to_alert_s = integrity.time_to_alert_s;
+  return config;
+}
+
 // A camera that cannot be opened yet: a plug-in or a file is missing. CameraFeed reports it and asks again.
 class AwaitedCamera final : public CameraSource {
  public:
@@ -67,7 +77,7 @@ FlightService::FlightService(const FlightOptions& options, VerifiedPackage verif
                .resumed = verified.resumed},
       acceptance_{.phase = FlightPhase(verified.acceptance && verified.acceptance->airborne),
                   .record = std::move(verified.acceptance)},
-      machine_(clock.monotonic_s()),
+      machine_(clock.monotonic_s(), service_config(verified.package.get())),
       gps_{.health = GpsHealth(clock.monotonic_s())},
       views_(fmt::format("{:x}", clock.unix_us())),
       manager_(read_service_environment().notify_socket),
@@ -79,6 +89,7 @@ FlightService::FlightService(const FlightOptions& options, VerifiedPackage verif
   if (restart_.position) gps_.health.on_restart();
   const PackageView view = map_ ? package_view(map_->package()) : refused_package(package_.findings);
   views_.set_package(view);
+  if (map_) views_.set_integrity(map_->integrity());
   package_.rejection = view.reason;
   make_parts(std::move(verified));
   std::unique_ptr<CameraSource> camera;
@@ -196,13 +207,13 @@ void FlightService::on_localized(const LocalizedFrame& frame) {
   if (estimate.position) {
     const std::optional<double> arrived_s =
         frame.late ? std::nullopt : std::optional(captured_s + airframe_.capture_delay_s);
-    const auto vision =
-        vision_estimate(estimate, frame.report.state, captured_s, map_->ground_msl_m(*estimate.position));
+    const auto vision = vision_estimate(estimate, frame.report.state, captured_s,
+                                        map_->ground_msl_m(*estimate.position), map_->integrity().risk);
     if (vision) link_->on_estimate({frame.index, frame.late}, *vision, arrived_s);
-    if (options_.send_external_position && frame.report.anchor.verdict == AnchorVerdict::accepted) {
+    if (options_.send_external_position && vision && frame.report.anchor.verdict == AnchorVerdict::accepted) {
       const double now_s = clock_.monotonic_s();
       link_->send(external_position_estimate({airframe_.system, airframe_.autopilot},
-                                             {*estimate.position, estimate.sigma_m, now_s, now_s - captured_s}));
+                                             {*estimate.position, vision->sigma_m, now_s, now_s - captured_s}));
     }
   }
   Recorder* recorder = parts_->recorder();

@@ -24,6 +24,7 @@ std::optional<double> MissionMap::ground_msl_m(const LonLat& place) const {
 LocalizerConfig MissionMap::config() const {
   LocalizerConfig config;
   config.area = required_region(package_->mission(), *frame_).bounds();
+  config.integrity_risk = package_->mission().integrity.risk;
   config.surface = surface_.get();
   config.places = places_ ? &*places_ : nullptr;
   return config;

@@ -23,7 +23,8 @@ class MissionMap {
   const OpenPackage& package() const { return *package_; }
   const std::filesystem::path& folder() const { return folder_; }
   const LocalFrame& frame() const { return *frame_; }
-  LocalizerConfig config() const;                                 // points into this
+  LocalizerConfig config() const;  // points into this
+  const IntegrityRequirement& integrity() const { return package_->mission().integrity; }
   double plane_msl_m() const;                                     // reference of the surface's heights
   std::optional<double> ground_msl_m(const LonLat& place) const;  // nullopt: flat ground
 

@@ -19,6 +19,12 @@ GpsJudgement shown(GpsVerdict verdict) {
 
 }  // namespace
 
+void ViewBuilder::set_integrity(const IntegrityRequirement& integrity) {
+  view_.integrity.risk = integrity.risk;
+  view_.integrity.alert_limit_m = integrity.alert_limit_m;
+  view_.integrity.time_to_alert_s = integrity.time_to_alert_s;
+}
+
 void ViewBuilder::on_event(const LocalizedFrame& frame) {
   const Estimate& estimate = frame.report.estimate;
   const StateEstimate& state = frame.report.state;
@@ -26,7 +32,7 @@ void ViewBuilder::on_event(const LocalizedFrame& frame) {
   view_.position.reset();
   if (estimate.position) {
     const auto& p = estimate.covariance_m2;
-    view_.position = PositionView{*estimate.position, estimate.sigma_m, p(0, 0), p(1, 1), p(0, 1)};
+    view_.position = PositionView{*estimate.position, estimate.sigma_m, p(0, 0), p(1, 1), p(0, 1), estimate.hpl_m};
     trail_.add({frame.telemetry.time_s, *estimate.position, estimate.sigma_m, estimate.source});
   }
   view_.source = estimate.source;
@@ -48,6 +54,7 @@ void ViewBuilder::on_event(const GpsAssessment& gps) { view_.gps = {shown(gps.ve
 
 void ViewBuilder::set_status(const ServiceStatus& status, const std::string& reason) {
   view_.state = {status.state, reason, status.since_s};
+  view_.integrity.usable = status.usable;
   view_.frames.last_s = status.frame_s;
 }
 
@@ -64,7 +71,7 @@ void ViewBuilder::restrict_to_fix(const ServiceStatus& status, const std::option
   view_.source = SourceLabel::no_fix;
   if (status.state != ServiceState::degraded || !last_fix) return;
   const double variance_m2 = last_fix->sigma_m * last_fix->sigma_m;
-  view_.position = PositionView{last_fix->place, last_fix->sigma_m, variance_m2, variance_m2, 0};
+  view_.position = PositionView{last_fix->place, last_fix->sigma_m, variance_m2, variance_m2, 0, status.hpl_m};
   view_.source = SourceLabel::dead_reckoned;
   if (last_fix->velocity) view_.velocity = VelocityView{last_fix->velocity->east_mps, last_fix->velocity->north_mps};
   trail_.add({now_s, last_fix->place, last_fix->sigma_m, view_.source});

@@ -3,6 +3,7 @@
 
 #include "api/flight_view.hpp"
 #include "flight/autopilot_link.hpp"
+#include "package/mission.hpp"
 #include "recorder/recorder.hpp"
 #include "service/service_machine.hpp"
 
@@ -13,6 +14,7 @@ class ViewBuilder {
   explicit ViewBuilder(std::string boot_id) { view_.boot_id = std::move(boot_id); }
 
   void set_package(const PackageView& package) { view_.package = package; }
+  void set_integrity(const IntegrityRequirement& integrity);
   void on_event(const LocalizedFrame& frame);
   void on_event(const GpsAssessment& gps);
   void on_event(const MatchFailed&) { ++view_.anchors.failed; }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "estimation/protection_level.hpp"
 #include "service/service_rules.hpp"
 
 namespace nadir {
@@ -56,7 +57,12 @@ std::string_view name_of(GpsVerdict verdict) {
 std::string_view name_of(PositionLeader leader) { return leader == PositionLeader::gps ? "gps" : "vision"; }
 
 ServiceMachine::ServiceMachine(double now_s, const ServiceConfig& config)
-    : frame_interval_(config.camera_interval_s), now_s_(now_s), since_s_(now_s) {}
+    : frame_interval_(config.camera_interval_s),
+      now_s_(now_s),
+      since_s_(now_s),
+      level_sigmas_(sigmas_of_risk(config.integrity_risk)),
+      time_to_alert_s_(config.time_to_alert_s),
+      usability_(config.alert_limit_m, config.time_to_alert_s) {}
 
 void ServiceMachine::begin_update(double now_s) {
   transitions_.clear();
@@ -87,10 +93,12 @@ std::vector<StateTransition> ServiceMachine::on_event(double now_s, const Onboar
 void ServiceMachine::apply_rules() {
   check_link();
   check_vision();
+  check_level();
   while (const auto step = next_step()) enter(*step);
   choose_leader();
   if (has_any_position()) position_s_ = now_s_;
   if (state_ == ServiceState::degraded) sent_sigma_m_ = std::max(sent_sigma_m_, sigma_now_m());
+  check_usability();
 }
 
 void ServiceMachine::enter(const Step& step) {
@@ -98,6 +106,9 @@ void ServiceMachine::enter(const Step& step) {
   if (!step.detail.empty()) text += ": " + step.detail;
   transitions_.push_back({now_s_, state_, step.to, step.reason, std::move(text)});
   state_ = step.to;
+  if (!provides_position()) provided_s_.reset();
+  if (provides_position() && !provided_s_) provided_s_ = now_s_;
+  if (step.reason == integrity_lost) awaits_level_ = true;
   reason_ = step.reason;
   detail_ = step.detail;
   since_s_ = now_s_;
@@ -133,6 +144,27 @@ void ServiceMachine::check_link() {
 
 void ServiceMachine::check_vision() {
   if (blindness()) steady_since_s_.reset();
+}
+
+void ServiceMachine::check_level() {
+  std::optional<double>& since_s = hpl_m_ ? level_known_s_ : level_unknown_s_;
+  (hpl_m_ ? level_unknown_s_ : level_known_s_).reset();
+  if (!since_s) since_s = now_s_;
+  if (level_known_s_ && now_s_ - *level_known_s_ >= time_to_alert_s_) awaits_level_ = false;
+}
+
+// From the first position of the flight on: before it the operator knows that there is none.
+void ServiceMachine::check_usability() {
+  ever_provided_ = ever_provided_ || provides_position();
+  if (!ever_provided_) return;
+  const std::optional<double> level_m = level_now_m();
+  const PositionUsability::Change change = usability_.update(now_s_, level_m);
+  if (change == PositionUsability::Change::none) return;
+  const bool lost = change == PositionUsability::Change::lost;
+  note(lost ? position_not_usable : position_usable_again, !provides_position() ? "no position"
+                                                           : level_m
+                                                               ? fmt::format("{:.0f} m", *level_m)
+                                                               : "no radius holds the position at the mission's risk");
 }
 
 void ServiceMachine::choose_leader() {
@@ -176,6 +208,9 @@ void ServiceMachine::on(const LocalizedFrame& frame) {
   source_ = estimate.source;
   has_position_ = source_ != SourceLabel::no_fix && std::isfinite(estimate.sigma_m) && estimate.sigma_m >= 0;
   sigma_m_ = has_position_ ? estimate.sigma_m : kNoFixAccuracy_m;
+  hpl_m_.reset();
+  if (has_position_ && estimate.hpl_m && std::isfinite(*estimate.hpl_m) && *estimate.hpl_m >= 0)
+    hpl_m_ = estimate.hpl_m;
   growth_mps_ = kBlindGrowth_mps;
 
   if (!has_position_) anchored_ = false;
@@ -203,6 +238,7 @@ void ServiceMachine::on(const EstimateRestored& restored) {
   sigma_m_ = restored_ ? restored.sigma_m : kNoFixAccuracy_m;
   growth_mps_ = std::isfinite(restored.speed_mps) ? std::max(restored.speed_mps, kBlindGrowth_mps) : kNoFixSigma_m;
   estimate_s_ = now_s_;
+  hpl_m_.reset();  // what was seen before the restart is not known any more
 }
 
 void ServiceMachine::on(const GpsAssessment& gps) {
@@ -217,6 +253,14 @@ double ServiceMachine::sigma_now_m() const {
   return estimate_s_ ? sigma_m_ + growth_mps_ * (now_s_ - *estimate_s_) : kNoFixAccuracy_m;
 }
 
+// A level belongs to its estimate, as σ does, and grows with it: σ_b of protection_level.hpp by the growth of σ.
+std::optional<double> ServiceMachine::level_now_m() const {
+  if (!provides_position() || !hpl_m_ || !estimate_s_) return std::nullopt;
+  if (state_ == ServiceState::normal) return hpl_m_;
+  const double grown_m = *hpl_m_ + level_sigmas_ * growth_mps_ * (now_s_ - *estimate_s_);
+  return std::max(grown_m, level_sigmas_ * sent_sigma_m_);
+}
+
 ServiceStatus ServiceMachine::status() const {
   ServiceStatus status{.state = state_,
                        .reason = reason_,
@@ -228,7 +272,9 @@ ServiceStatus ServiceMachine::status() const {
                        .leader = leader_,
                        .gps = gps_,
                        .link_up = link_up_,
-                       .frame_s = frame_s_};
+                       .frame_s = frame_s_,
+                       .hpl_m = level_now_m(),
+                       .usable = provides_position() && usability_.usable()};
   if (state_ == ServiceState::normal) {
     status.source = source_;
     status.sigma_m = sigma_m_;
@@ -264,7 +310,7 @@ std::optional<ServiceMachine::Step> ServiceMachine::next_step() const {
     case normal:
     case degraded: return step_from_fix();
     case no_fix:
-      if (anchored_ && steady_for(kReturnFromNoFix_s)) return Step{normal, anchored_again, {}};
+      if (may_return() && steady_for(kReturnFromNoFix_s)) return Step{normal, anchored_again, {}};
       return std::nullopt;
     case failsafe: return std::nullopt;
   }
@@ -288,7 +334,7 @@ std::optional<ServiceMachine::Step> ServiceMachine::step_from_fix() const {
 // A position of ours needs the package and an autopilot to send it to.
 std::optional<ServiceMachine::Step> ServiceMachine::step_from_failsafe() const {
   const bool may_send = package_verified() && heartbeat_s_;
-  if (may_send && anchored_ && steady_for(ever_anchored_ ? kReturnFromFailsafe_s : 0)) {
+  if (may_send && may_return() && steady_for(ever_anchored_ ? kReturnFromFailsafe_s : 0)) {
     return Step{normal, ever_anchored_ ? anchored_again : first_anchor, {}};
   }
   if (may_send && good_restored_position()) return Step{degraded, restored, fmt::format("σ {:.0f} m", sigma_now_m())};
@@ -319,6 +365,12 @@ std::optional<ServiceMachine::Step> ServiceMachine::loss() const {
   const double sigma_m = state_ == degraded ? sigma_now_m() : sigma_m_;
   if (sigma_m > kNoFixSigma_m) {
     return Step{no_fix, sigma_too_large, fmt::format("σ {:.0f} m, at most {:.0f} m", sigma_m, kNoFixSigma_m)};
+  }
+  // An accuracy bounds a protection level (docs/autopilot.md). Where there is none, none can be stated. A position from
+  // before a restart has none by its nature; the rules below end it.
+  if (level_unknown_s_ && provided_s_ && !restored_) {
+    const double unknown_s = now_s_ - std::max(*level_unknown_s_, *provided_s_);
+    if (unknown_s > time_to_alert_s_) return Step{no_fix, integrity_lost, fmt::format("for {:.1f} s", unknown_s)};
   }
   const double blind_s = now_s_ - visual_s_.value_or(since_s_);
   if (state_ == degraded && blind_s > kBlindNoFix_s) {

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "service/onboard_event.hpp"
+#include "service/position_usability.hpp"
 #include "service/service_state.hpp"
 
 namespace nadir {
@@ -45,6 +46,10 @@ class FrameIntervalMonitor {
 
 struct ServiceConfig {
   double camera_interval_s = 1.0 / 3;  // between two frames, until it is measured
+  // Of the mission: which positions are usable.
+  double integrity_risk = 1e-5;  // per look
+  double alert_limit_m = 100;
+  double time_to_alert_s = 3;
 };
 
 enum class PositionLeader { gps, vision };
@@ -63,6 +68,8 @@ struct ServiceStatus {
   GpsVerdict gps = GpsVerdict::unknown;
   bool link_up = false;             // authentic messages from the autopilot lately
   std::optional<double> frame_s{};  // when the latest frame arrived
+  std::optional<double> hpl_m{};    // protection level; while blind it only grows. Nothing: none is known
+  bool usable = false;              // it is within the alert limit, and no alert stands
 };
 
 class ServiceMachine {
@@ -98,6 +105,8 @@ class ServiceMachine {
   void apply_rules();  // what follows from the inputs at this time
   void check_link();
   void check_vision();
+  void check_level();
+  void check_usability();
   void choose_leader();
   void enter(const Step& step);
   void note(ServiceReason reason, const std::string& detail = {});
@@ -115,6 +124,8 @@ class ServiceMachine {
   bool good_restored_position() const;
   bool steady_for(double seconds) const { return steady_since_s_ && now_s_ - *steady_since_s_ >= seconds; }
   double sigma_now_m() const;  // with its growth since the estimate
+  std::optional<double> level_now_m() const;
+  bool may_return() const { return anchored_ && !awaits_level_; }
 
   FrameIntervalMonitor frame_interval_;
   double now_s_;
@@ -146,6 +157,16 @@ class ServiceMachine {
   double sigma_m_ = 0;
   double growth_mps_ = 0;    // of σ while blind
   double sent_sigma_m_ = 0;  // never shrinks while blind
+
+  const double level_sigmas_;  // of the mission's risk
+  const double time_to_alert_s_;
+  PositionUsability usability_;
+  std::optional<double> hpl_m_;            // of the latest estimate with a position
+  std::optional<double> level_known_s_;    // since when estimates have one …
+  std::optional<double> level_unknown_s_;  // … or have none
+  std::optional<double> provided_s_;       // since when there is a position of ours, without a break
+  bool ever_provided_ = false;
+  bool awaits_level_ = false;  // lost for want of one: it must be there for some time before the position is back
 
   GpsVerdict gps_ = GpsVerdict::unknown;
   PositionLeader leader_ = PositionLeader::gps;

@@ -26,6 +26,9 @@ inline constexpr double kNoFixSigma_m = 500;
 inline constexpr double kReturnSigma_m = 400;    // to provide fixes again: hysteresis
 inline constexpr double kNoFixAccuracy_m = 999;  // sent with "no fix"
 
+// ---- usable or not: alert limit, time to alert and risk are the mission's (position_usability.hpp) [design]
+inline constexpr double kAlertShare = 0.5;  // of the time to alert, beyond the limit, until the operator is told
+
 // ---- no position, neither ours nor that of a trusted GPS [design]
 inline constexpr double kFailsafe_s = 3;
 

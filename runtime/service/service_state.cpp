@@ -36,6 +36,8 @@ constexpr std::array kReasons{
                "Nadir: NO FIX, position too uncertain"},
     ReasonText{localizer_lost, "localizer_lost", "the localizer has lost the position", critical,
                "Nadir: NO FIX, position lost"},
+    ReasonText{integrity_lost, "integrity_lost", "no radius holds the position at the mission's risk", critical,
+               "Nadir: NO FIX, no protection level"},
     ReasonText{anchored_again, "anchored_again", "matched to the map again, and stable", notice,
                "Nadir: position found again"},
     ReasonText{no_position, "no_position", "no position, neither from vision nor from GPS", emergency,
@@ -53,13 +55,17 @@ constexpr std::array kReasons{
                "Nadir: autopilot now navigating by Nadir"},
     ReasonText{gps_leads, "gps_leads", "autopilot navigating by GPS again", notice,
                "Nadir: autopilot navigating by GPS"},
+    ReasonText{position_not_usable, "position_not_usable", "the protection level is beyond the alert limit", critical,
+               "Nadir: POSITION NOT USABLE"},
+    ReasonText{position_usable_again, "position_usable_again", "the protection level is within the alert limit again",
+               notice, "Nadir: position usable again"},
 };
 
 constexpr bool in_order() {
   for (std::size_t i = 0; i < kReasons.size(); ++i) {
     if (static_cast<std::size_t>(kReasons[i].reason) != i) return false;
   }
-  return kReasons.size() == static_cast<std::size_t>(gps_leads) + 1;
+  return kReasons.size() == static_cast<std::size_t>(position_usable_again) + 1;
 }
 static_assert(in_order());
 

@@ -45,6 +45,7 @@ enum class ServiceReason {
   blind_too_long,
   sigma_too_large,
   localizer_lost,
+  integrity_lost,
   anchored_again,
   no_position,
   gps_position,
@@ -57,6 +58,8 @@ enum class ServiceReason {
   gps_trusted,
   vision_leads,
   gps_leads,
+  position_not_usable,
+  position_usable_again,
 };
 
 // The values of MAVLink's MAV_SEVERITY.

@@ -32,6 +32,23 @@ TEST_F(ApiTest, ReportsTheState) {
   EXPECT_EQ(state["track"][0]["source"], "satellite_anchored");
 }
 
+TEST_F(ApiTest, ReportsTheProtectionLevelAndWhetherThePositionIsUsable) {
+  auto state = json(api.handle(get("/v1/state")));
+  EXPECT_NEAR(state["position"]["hpl_m"].get<double>(), 18.2, 1e-9);
+  const nlohmann::json demanded{{"usable", true}, {"risk", 1e-5}, {"alert_limit_m", 100}, {"time_to_alert_s", 3}};
+  EXPECT_EQ(state["integrity"], demanded);
+  publish(ServiceState::degraded);
+  state = json(api.handle(get("/v1/state")));
+  EXPECT_NEAR(state["position"]["hpl_m"].get<double>(), 247, 1e-9);
+  EXPECT_EQ(state["integrity"]["usable"], false);
+  FlightView view = flight.at(now_s, ServiceState::normal);
+  for (const std::optional<double> unknown : {std::optional<double>(), std::optional(std::nan(""))}) {
+    view.position->hpl_m = unknown;
+    board.publish(view);
+    EXPECT_TRUE(json(api.handle(get("/v1/state")))["position"]["hpl_m"].is_null());
+  }
+}
+
 TEST_F(ApiTest, OmitsAnUnknownPosition) {
   publish(ServiceState::no_fix);
   const auto state = json(api.handle(get("/v1/state")));

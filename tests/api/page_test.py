@@ -50,6 +50,11 @@ class Page(unittest.TestCase):
         browser = self.browse(service.url)
         browser.wait_for(IS.format("state", "normal"))
         browser.wait_for(TEXT.format("sigma") + " === '2.8m'")
+        self.assertEqual("18m", browser.evaluate(TEXT.format("hpl")))
+        self.assertEqual("protection level", browser.evaluate(TEXT.format("hpl-limit")))
+        self.assertIn("alert limit 100 m", browser.evaluate("document.getElementById('hpl-limit').title"))
+        colour = "getComputedStyle(document.getElementById('hpl')).color"
+        usable = browser.evaluate(colour)
         self.assertEqual("anchored to the map", browser.evaluate(TEXT.format("reason")))
         self.assertIn("signed", browser.evaluate(TEXT.format("link")))
         self.assertIn("spoofed", browser.evaluate(TEXT.format("gps")))
@@ -63,11 +68,15 @@ class Page(unittest.TestCase):
         service.command("degraded")
         browser.wait_for(IS.format("state", "degraded"))
         browser.wait_for("document.querySelector('#events li').textContent.includes('camera sees cloud')")
+        self.assertEqual("247m", browser.evaluate(TEXT.format("hpl")))
+        self.assertIn("NOT USABLE", browser.evaluate(TEXT.format("hpl-limit")))
+        self.assertNotEqual(usable, browser.evaluate(colour), "beyond the alert limit it is red")
         self.keep(browser, "degraded")
         service.command("no_fix")
         browser.wait_for(IS.format("state", "no fix"))
         browser.wait_for(IS.format("coordinates", "no position"))
         self.assertEqual("–", browser.evaluate(TEXT.format("sigma")))
+        self.assertEqual("–", browser.evaluate(TEXT.format("hpl")))
 
         self.assertEqual([], browser.complaints())
         foreign = [url for url in browser.requested() if not url.startswith((service.url, "data:", "blob:", "about:"))]

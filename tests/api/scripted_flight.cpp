@@ -86,8 +86,13 @@ FlightView ScriptedFlight::at(double time_s, ServiceState state) {
   if (phase.source != SourceLabel::no_fix) {
     const double sigma_m = phase.sigma_m;
     view.position =
-        PositionView{frame.lonlat_from_plane({radius_m_ * std::sin(turn_rad), radius_m_ * std::cos(turn_rad)}), sigma_m,
-                     1.6 * sigma_m * sigma_m, 0.6 * sigma_m * sigma_m, 0.3 * sigma_m * sigma_m};
+        PositionView{frame.lonlat_from_plane({radius_m_ * std::sin(turn_rad), radius_m_ * std::cos(turn_rad)}),
+                     sigma_m,
+                     1.6 * sigma_m * sigma_m,
+                     0.6 * sigma_m * sigma_m,
+                     0.3 * sigma_m * sigma_m,
+                     6.5 * sigma_m};
+    view.integrity.usable = *view.position->hpl_m <= view.integrity.alert_limit_m;
     view.anchored_s =
         phase.source == SourceLabel::satellite_anchored ? time_s - std::fmod(time_s, kLastAnchorStep_s) : since_s_ - 14;
     const bool fresh = phase.source == SourceLabel::satellite_anchored && std::fmod(time_s, 20) < 13;

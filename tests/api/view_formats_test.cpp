@@ -154,11 +154,15 @@ TEST(Metrics, ConformToTheTextFormat) {
   EXPECT_THAT(text, HasSubstr("nadir_state{state=\"normal\"} 1\n"));
   EXPECT_THAT(text, HasSubstr("nadir_state{state=\"no_fix\"} 0\n"));
   EXPECT_THAT(text, HasSubstr("nadir_position_sigma_meters 2.8\n"));
+  EXPECT_THAT(text, HasSubstr("nadir_protection_level_metres 18.2"));
+  EXPECT_THAT(text, HasSubstr("nadir_position_usable 1\n"));
 }
 
 TEST(Metrics, OmitUnknownValues) {
   const std::string text = metrics_text({}, 0, {});
   EXPECT_THAT(text, Not(HasSubstr("sigma")));
+  EXPECT_THAT(text, Not(HasSubstr("nadir_protection_level_metres")));
+  EXPECT_THAT(text, HasSubstr("nadir_position_usable 0\n"));
   EXPECT_THAT(text, Not(HasSubstr("nadir_anchor_age_seconds")));
 }
 

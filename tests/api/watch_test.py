@@ -40,7 +40,7 @@ class Watch(unittest.TestCase):
     def test_once(self):
         result = self.watch(self.serve().url, "--once")
         self.assertEqual((0, ""), (result.returncode, result.stderr), result.stdout)
-        for word in ("NORMAL", "anchored to the map", "2.8 m", "spoofed: 312 m from vision", "connected, signed", "critical"):
+        for word in ("NORMAL", "anchored to the map", "2.8 m", "protection  18.2 m\n", "spoofed: 312 m from vision", "connected, signed", "critical"):
             self.assertIn(word, result.stdout)
         self.assertNotIn("\x1b", result.stdout)
 
@@ -66,7 +66,7 @@ class Watch(unittest.TestCase):
         service.command("degraded")
         before = first
         for line in process.stdout:
-            if line.startswith("degraded, dead_reckoned, sigma 38.0 m"):
+            if line.startswith("degraded, dead_reckoned, sigma 38.0 m, protection level 247.0 m (NOT USABLE)"):
                 break
             before = line
         self.assertRegex(before, r"^event +[0-9]+ s  warning   degraded: camera sees cloud")
@@ -120,6 +120,7 @@ class Watch(unittest.TestCase):
         self.assertRegex(shown, r"alarms\n +\d+ s +critical +artifact.hash: tile 17/70000/45000")
         self.assertIn("no frame for 0.45 s (x 5)", shown)
         self.assertIn("1 CORRUPT TILE", shown)
+        self.assertIn("247.0 m: NOT USABLE, alert limit 100 m", shown)
         self.assertIn("NOT SIGNED", shown)
         age = lambda text: float(re.search(r"anchor age +([0-9.]+) s", text)[1])
         service.command("stall")

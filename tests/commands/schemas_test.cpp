@@ -5,6 +5,7 @@
 
 #include "base/files.hpp"
 #include "commands/command_fixture.hpp"
+#include "package/mission.hpp"
 #include "package/package_maker.hpp"
 #include "provision/airframe_manifest.hpp"
 #include "support/process.hpp"
@@ -61,6 +62,31 @@ TEST_F(Schemas, Root) {
   wrong = read(folder_ / "2.json");
   wrong["signed"]["roles"].erase("package-signer");
   EXPECT_FALSE(takes("root", wrong));
+}
+
+// JSON is YAML: the schema and the reader judge the same documents.
+TEST_F(Schemas, MissionWithAndWithoutIntegrity) {
+  const auto agree = [&](const json& integrity) -> std::optional<bool> {
+    json mission = json::parse(R"({"schema": "nadir.mission/1", "id": "a", "series": "a", "sequence": 1,
+      "created": "2024-04-20", "expires": "2024-06-01", "takeoff": {"lon_deg": 11, "lat_deg": 48},
+      "terrain": {"mode": "flat"}, "zoom": {"min": 17, "max": 18}, "min_resolution_m": 0.5, "budget_mb": 20,
+      "freshness_days": {"stable": 730, "active": 90}, "airframes": ["any"], "sectors": [],
+      "route": {"corridor_half_width_m": 40, "agl_m": 120, "points": [[11, 48], [11.004, 48.0005]]}})");
+    if (!integrity.is_null()) mission["integrity"] = integrity;
+    const bool by_schema = takes("mission", mission);
+    const bool by_reader = parse_mission(mission.dump(), "mission.json").mission.has_value();
+    return by_schema == by_reader ? std::optional(by_reader) : std::nullopt;
+  };
+  for (const char* good :
+       {"null", "{}", R"({"risk": 1e-7})", R"({"risk": 1e-9, "alert_limit_m": 1, "time_to_alert_s": 0.5})",
+        R"({"risk": 0.01, "alert_limit_m": 10000, "time_to_alert_s": 60})"}) {
+    EXPECT_EQ(agree(json::parse(good)), true) << good;
+  }
+  for (const char* bad : {"[]", R"({"risk": 0})", R"({"risk": 0.02})", R"({"risk": "low"})", R"({"alert_limit_m": 0})",
+                          R"({"alert_limit_m": 10001})", R"({"time_to_alert_s": 0})", R"({"time_to_alert_s": 61})",
+                          R"({"limit_m": 5})"}) {
+    EXPECT_EQ(agree(json::parse(bad)), false) << bad;
+  }
 }
 
 TEST_F(Schemas, RollbackPermit) {

@@ -8,11 +8,14 @@ import pathlib
 import re
 import sqlite3
 import subprocess
+import sys
 import time
 import unittest
 
-from loop.hands import HostClock
-from support import AT, NADIRD, EndToEnd, main, run
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "api"))
+from browser import Browser, find_chromium  # noqa: E402
+from loop.hands import HostClock  # noqa: E402
+from support import AT, NADIRD, EndToEnd, main, run  # noqa: E402
 
 
 class Pipeline(EndToEnd):
@@ -52,8 +55,72 @@ class Pipeline(EndToEnd):
         for name, more in (("one", []), ("two", ["--odometry", "features"])):
             self.good(*self.replay_args(flight, self.folder / name), *more)
             rows = csv.reader((self.folder / name / "estimates.csv").read_text().splitlines())
-            texts.append([row[:10] for row in rows])
+            texts.append([row[:10] + row[11:] for row in rows])  # all but the latency
         self.assertEqual(texts[0], texts[1])
+
+    def test_the_command_line_sets_risk_and_alert_limit(self):
+        flight = self.flight()
+        self.keys()
+        mapped = ["--package", self.build(), "--trust", self.folder / "root.json", "--at", AT]
+        levels, integrity = {}, {}
+        for name, more in (("default", []), ("lenient", ["--integrity-risk", "0.01"]),
+                           ("near", ["--integrity-risk", "0.01", "--alert-limit-m", "1"])):
+            self.good(*self.replay_args(flight, self.folder / name), *mapped, *more)
+            rows = list(csv.DictReader((self.folder / name / "estimates.csv").read_text().splitlines()))
+            levels[name] = [row["hpl_m"] for row in rows if row["lat_deg"]]
+            integrity[name] = json.loads((self.folder / name / "summary.json").read_text())["integrity"]
+        # A start that a person gave is wrong more often than 1e-5: no radius holds it at that risk.
+        self.assertEqual({""}, set(levels["default"]))
+        self.assertTrue(any(levels["lenient"]), levels)
+        self.assertEqual(levels["lenient"], levels["near"], "the limit changes no estimate")
+        self.assertEqual((100, 1), (integrity["lenient"]["alert_limit_m"], integrity["near"]["alert_limit_m"]))
+        self.assertEqual(0, integrity["near"]["usable_share"])
+        self.assertEqual(3, integrity["default"]["without_level"])
+        for wrong in (["--integrity-risk", "0"], ["--integrity-risk", "0.5"], ["--integrity-risk", "nan"],
+                      ["--alert-limit-m", "0"], ["--alert-limit-m", "1e6"]):
+            self.fails(2, *self.replay_args(flight, self.folder / "wrong"), *wrong, mentions=[wrong[0]],
+                       leaves_nothing=self.folder / "wrong")
+
+    def test_the_mission_of_the_package_sets_risk_and_alert_limit_unless_the_command_line_does(self):
+        self.keys()
+        package = self.build(change=lambda text: text + "integrity: {risk: 0.01, alert_limit_m: 55}\n")
+        flight = self.flight()
+        found = {}
+        for name, more in (("mission", []), ("line", ["--integrity-risk", "1e-5", "--alert-limit-m", "20"])):
+            self.good(*self.replay_args(flight, self.folder / name), "--package", package, "--trust", self.folder / "root.json",
+                      "--at", AT, *more)
+            rows = list(csv.DictReader((self.folder / name / "estimates.csv").read_text().splitlines()))
+            integrity = json.loads((self.folder / name / "summary.json").read_text())["integrity"]
+            found[name] = (integrity["alert_limit_m"], [row["hpl_m"] != "" for row in rows if row["lat_deg"]])
+        self.assertEqual((55, True), (found["mission"][0], any(found["mission"][1])), found)
+        self.assertEqual((20, False), (found["line"][0], any(found["line"][1])), found)
+
+    def test_the_report_draws_the_stanford_diagram(self):
+        if not find_chromium():
+            self.skipTest("no chromium here")
+        flight = self.flight()
+        self.keys()
+        mapped = ["--package", self.build(), "--trust", self.folder / "root.json", "--at", AT]
+        truth = self.folder / "truth.csv"
+        truth.write_text("frame,lat_deg,lon_deg\n" + "".join(f"{i}.jpg,47.4003,8.4992\n" for i in range(3)))
+        for name, more in (("truth", ["--truth", truth]), ("blind", [])):
+            self.good(*self.replay_args(flight, self.folder / name), *mapped, "--integrity-risk", "0.01", *more)
+            rows = csv.DictReader((self.folder / name / "estimates.csv").read_text().splitlines())
+            levels = [row["hpl_m"] for row in rows if row["hpl_m"]]
+            self.assertGreater(len(levels), 0)
+            dots = len(levels) if more else 0
+            browser = Browser(1280, 800)
+            self.addCleanup(browser.close)
+            report = (self.folder / name / "report.html").as_uri()
+            browser.open(report)
+            browser.wait_for("document.querySelector('#chart #level') !== null")
+            self.assertEqual(dots, browser.evaluate("document.querySelectorAll('#stanford svg > circle').length"))
+            self.assertEqual(dots == 0, browser.evaluate("document.getElementById('stanford-card').hidden"))
+            self.assertEqual([], browser.complaints())
+            self.assertEqual([], [url for url in browser.requested() if url != report and not url.startswith("data:")])
+        figures = json.loads((self.folder / "truth" / "summary.json").read_text())["integrity"]
+        self.assertEqual(len(levels), figures["scored"])
+        self.assertEqual(len(levels), sum(figures[region] for region in ("available", "misleading", "hazardously_misleading", "unavailable", "unavailable_misleading")))
 
     def test_without_a_start_there_is_no_estimate_until_a_match(self):
         self.keys()

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """A replay is recorded, and the recording replays bit for bit."""
+import csv
 import json
 import shutil
 import unittest
 
-from support import EndToEnd, main, run
+from support import AT, EndToEnd, main, run
 
 
 class Recorder(EndToEnd):
@@ -29,6 +30,22 @@ class Recorder(EndToEnd):
         result = self.again(recording, "--frames", self.frames)
         self.assertEqual(0, result.returncode, result.stderr)
         self.assertEqual({"compared": 3, "same": 3}, json.loads(result.stdout)["reproduced"])
+
+    def test_a_recorded_flight_keeps_its_integrity_risk(self):
+        self.keys()
+        mapped = ["--package", self.build(), "--trust", self.folder / "root.json", "--at", AT]
+        recording = self.record("r", "--integrity-risk", "0.01", *mapped)
+        result = self.again(recording, "--frames", self.frames, *mapped, "--integrity-risk", "0.001")
+        self.assertEqual(2, result.returncode)
+        self.assertIn("--integrity-risk", result.stderr)
+        self.assertFalse((self.folder / "again").exists())
+        result = self.again(recording, "--frames", self.frames, *mapped, "--alert-limit-m", "7")
+        self.assertEqual(0, result.returncode, result.stderr)
+        document = json.loads(result.stdout)
+        self.assertEqual({"compared": 3, "same": 3}, document["reproduced"])
+        self.assertEqual(7, document["integrity"]["alert_limit_m"])
+        levels = [row["hpl_m"] for row in csv.DictReader((self.folder / "again" / "estimates.csv").read_text().splitlines())]
+        self.assertTrue(any(levels), "at 1e-5, the default, no radius holds a start that a person gave")
 
     def test_the_same_replay_gives_the_same_recording_but_for_its_latencies(self):
         for name in ("one", "two"):

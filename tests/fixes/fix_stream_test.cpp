@@ -247,22 +247,55 @@ TEST(FixStream, NumbersThatAreNoneMakeNoFixAndNoRecordThatCannotBeRead) {
 TEST(VisionEstimates, NeedAPositionAndATime) {
   Estimate estimate;
   StateEstimate state;
-  EXPECT_FALSE(vision_estimate(estimate, state, 100, {}));
+  EXPECT_FALSE(vision_estimate(estimate, state, 100, {}, 1e-5));
   estimate.position = kTakeOff;
   estimate.source = SourceLabel::dead_reckoned;
   for (const double time_s : {std::nan(""), 1e300, -1e300, double{INFINITY}}) {
-    EXPECT_FALSE(vision_estimate(estimate, state, time_s, {})) << time_s;
+    EXPECT_FALSE(vision_estimate(estimate, state, time_s, {}, 1e-5)) << time_s;
   }
   state.agl_m = 120;
   state.agl_sigma_m = 4;
-  const auto over_unknown = vision_estimate(estimate, state, 100.5, {});
+  const auto over_unknown = vision_estimate(estimate, state, 100.5, {}, 1e-5);
   ASSERT_TRUE(over_unknown);
   EXPECT_EQ(over_unknown->time_us, 100'500'000);
   EXPECT_FALSE(over_unknown->visual || over_unknown->msl_m || over_unknown->vertical_sigma_m);
-  const auto over_ground = vision_estimate(estimate, state, 100.5, 480.0);
+  const auto over_ground = vision_estimate(estimate, state, 100.5, 480.0, 1e-5);
   ASSERT_TRUE(over_ground);
   EXPECT_EQ(over_ground->msl_m, 600);
   EXPECT_EQ(over_ground->vertical_sigma_m, 4);
+}
+
+// 4.8 sigmas hold all but 1e-5 of a circular Gaussian, 6.07 all but 1e-8: typed in from tables of Rayleigh's
+// distribution.
+TEST(VisionEstimates, TheAccuracyBoundsTheProtectionLevel) {
+  Estimate estimate;
+  estimate.position = kTakeOff;
+  estimate.sigma_m = 5;
+  const auto accuracy_m = [&](std::optional<double> hpl_m, double risk) {
+    estimate.hpl_m = hpl_m;
+    return vision_estimate(estimate, {}, 100, {}, risk).value().sigma_m;
+  };
+  EXPECT_EQ(accuracy_m(std::nullopt, 1e-5), 5) << "no radius is known: the service withholds the fix, not this";
+  EXPECT_EQ(accuracy_m(20, 1e-5), 5) << "smaller than what 5 m imply";
+  EXPECT_NEAR(accuracy_m(24, 1e-5), 5, 0.01);
+  EXPECT_NEAR(accuracy_m(96, 1e-5), 20, 0.01) << "a second place 60 m off, with little weight";
+  EXPECT_NEAR(accuracy_m(96, 1e-8), 15.8, 0.05);
+}
+
+TEST(VisionEstimates, AProtectionLevelBeyondAllAccuraciesIsNoFix) {
+  Estimate estimate;
+  estimate.position = kTakeOff;
+  estimate.source = SourceLabel::satellite_anchored;
+  estimate.sigma_m = 5;
+  estimate.hpl_m = 2500;  // 521 m as one sigma
+  FixStream stream;
+  const auto vision = vision_estimate(estimate, {}, 100, {}, 1e-5);
+  ASSERT_TRUE(vision);
+  ASSERT_TRUE(stream.on_input(100 * kOneSecond, {0, false}, *vision));
+  const auto due = stream.turn(100 * kOneSecond, kUnixStart_us, kServed);
+  ASSERT_TRUE(due);
+  EXPECT_FALSE(due->fix);
+  EXPECT_EQ(due->message.horizontal_accuracy_m, 999);
 }
 
 }  // namespace

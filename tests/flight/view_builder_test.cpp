@@ -13,6 +13,7 @@ LocalizedFrame localized(double captured_s, AnchorVerdict verdict) {
   frame.report.anchor.verdict = verdict;
   frame.report.estimate.position = LonLat{8.5, 47.4};
   frame.report.estimate.sigma_m = 4;
+  frame.report.estimate.hpl_m = 22;
   frame.report.estimate.covariance_m2 << 9, 2, 2, 23;
   frame.report.estimate.source = SourceLabel::satellite_anchored;
   frame.report.estimate.anchor_age_s = 0.5;
@@ -40,6 +41,7 @@ TEST(ViewBuilder, ShowsThePositionWithItsUncertaintyWhileThereIsAFix) {
   ASSERT_TRUE(view.position);
   EXPECT_EQ(view.position->place, (LonLat{8.5, 47.4}));
   EXPECT_EQ(view.position->sigma_m, 4);
+  EXPECT_EQ(view.position->hpl_m, 22);
   ASSERT_TRUE(view.velocity);
   EXPECT_EQ(view.velocity->east_mps, 3);
   EXPECT_EQ(view.velocity->north_mps, -4);
@@ -63,11 +65,13 @@ TEST(ViewBuilder, WhileBlindShowsTheFixThatIsSentOrNothing) {
   views.restrict_to_fix(status, last_fix, 19);
   EXPECT_EQ(view_of(views).position->place, (LonLat{8.5, 47.4})) << "pictures know better";
   status.state = ServiceState::degraded;
+  status.hpl_m = 150;
   views.restrict_to_fix(status, last_fix, 20);
   FlightView view = view_of(views);
   ASSERT_TRUE(view.position);
   EXPECT_EQ(view.position->place, (LonLat{8.6, 47.5}));
   EXPECT_EQ(view.position->sigma_m, 30);
+  EXPECT_EQ(view.position->hpl_m, 150) << "as the service says that it has grown, not that of the last frame";
   EXPECT_EQ(view.position->east_var_m2, 900);
   EXPECT_EQ(view.velocity->east_mps, 2);
   EXPECT_EQ(view.source, SourceLabel::dead_reckoned);
@@ -201,6 +205,20 @@ TEST(ViewBuilder, ShowsStateAndGps) {
     views.on_event(assessment);
     EXPECT_EQ(view_of(views).gps.judgement, shown);
   }
+}
+
+TEST(ViewBuilder, ShowsWhatTheMissionDemandsAndWhetherItIsMet) {
+  ViewBuilder views("b");
+  EXPECT_FALSE(view_of(views).integrity.usable);
+  views.set_integrity({.risk = 1e-7, .alert_limit_m = 40, .time_to_alert_s = 6});
+  ServiceStatus status;
+  status.usable = true;
+  views.set_status(status, "");
+  const IntegrityView shown = view_of(views).integrity;
+  EXPECT_TRUE(shown.usable);
+  EXPECT_EQ(shown.risk, 1e-7);
+  EXPECT_EQ(shown.alert_limit_m, 40);
+  EXPECT_EQ(shown.time_to_alert_s, 6);
 }
 
 }  // namespace

@@ -42,6 +42,22 @@ TEST(Mission, TerrainIsFlatOrAnElevationModel) {
   EXPECT_FALSE(terrain("{mode: dem}").flat);
 }
 
+TEST(Mission, IntegrityIsOptionalAsAWholeAndInEachValue) {
+  const auto integrity = [](const std::string& text) {
+    return parse_mission(mission_yaml() + text, "mission.yaml").mission.value().integrity;
+  };
+  const IntegrityRequirement by_default = integrity("");
+  EXPECT_EQ(by_default.risk, 1e-5);
+  EXPECT_EQ(by_default.alert_limit_m, 100);
+  EXPECT_EQ(by_default.time_to_alert_s, 3);
+  EXPECT_EQ(integrity("integrity: {alert_limit_m: 40}\n").alert_limit_m, 40);
+  EXPECT_EQ(integrity("integrity: {alert_limit_m: 40}\n").risk, 1e-5);
+  const IntegrityRequirement all = integrity("integrity: {risk: 1.0e-7, alert_limit_m: 25, time_to_alert_s: 6}\n");
+  EXPECT_EQ(all.risk, 1e-7);
+  EXPECT_EQ(all.alert_limit_m, 25);
+  EXPECT_EQ(all.time_to_alert_s, 6);
+}
+
 TEST(Mission, RegionIsInMetresAroundTakeOff) {
   const Mission mission = *parse_mission(mission_yaml(), "mission.yaml").mission;
   const Region region = required_region(mission, mission_frame(mission));
@@ -110,6 +126,17 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"route_short", "[[11.0000, 48.0000], [11.0040, 48.0005]]", "[[11.0000, 48.0000]]", "21:11"},
         Fault{"route_stands", "[11.0040, 48.0005]", "[11.0000, 48.0000]", "21:11"},
         Fault{"point_of_three", "[11.0040, 48.0005]", "[11.0040, 48.0005, 100]", "21:"},
+        Fault{"risk_never", "expires:", "integrity: {risk: 0}\nexpires:", "6:19"},
+        Fault{"risk_often", "expires:", "integrity: {risk: 0.011}\nexpires:", "6:19"},
+        Fault{"risk_nan", "expires:", "integrity: {risk: .nan}\nexpires:", "6:19"},
+        Fault{"alert_limit_small", "expires:", "integrity: {alert_limit_m: 0.9}\nexpires:", "6:28"},
+        Fault{"alert_limit_large", "expires:", "integrity: {alert_limit_m: 10001}\nexpires:", "6:28"},
+        Fault{"alert_limit_text", "expires:", "integrity: {alert_limit_m: near}\nexpires:", "6:28"},
+        Fault{"time_to_alert_short", "expires:", "integrity: {time_to_alert_s: 0.4}\nexpires:", "6:30"},
+        Fault{"time_to_alert_long", "expires:", "integrity: {time_to_alert_s: 61}\nexpires:", "6:30"},
+        Fault{"integrity_key", "expires:", "integrity: {alarm_limit_m: 50}\nexpires:", "6:"},
+        Fault{"integrity_list", "expires:", "integrity: [1.0e-5]\nexpires:", "6:"},
+        Fault{"integrity_empty", "expires:", "integrity:\nexpires:", "7:1"},
         Fault{"alias", "series: village", "series: *x", "3:"}),
     [](const auto& param) { return param.param.name; });
 

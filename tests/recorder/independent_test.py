@@ -82,7 +82,7 @@ class Independent(unittest.TestCase):
         self.assertEqual(("a1b2", "NV-7", 42), (session["id"], session["airframe"], session["seed"]))
         self.assertEqual([0.1, -0.05, 0.001, -0.002, 0.01], session["camera"]["distortion"])
         self.assertEqual({"lon_deg": 8.5, "lat_deg": 47.4}, session["origin"])
-        self.assertIn({"name": "alone_ratio", "value": 0.77}, session["localizer"]["gates"])
+        self.assertEqual((1e-6, 1.7), (session["localizer"]["integrity_risk"], session["localizer"]["map_sigma_m"]))
         self.assertEqual("normal", documents["/state"]["from"])
         self.assertEqual((17, 70000, 45000), tuple(documents["/tile"][k] for k in ("zoom", "x", "y")))
         self.assertEqual((7, "operator"), (documents["/hint"]["before"], documents["/hint"]["by"]))
@@ -117,6 +117,8 @@ class Independent(unittest.TestCase):
             if one.Position() is not None:
                 self.assertAlmostEqual(float(row["lat_deg"]), one.Position().LatDeg(), delta=1e-8)
                 self.assertEqual(float(row["sigma_m"]), one.SigmaM())
+                self.assertEqual(float(row["hpl_m"]) if row["hpl_m"] else None, one.HplM())
+        self.assertEqual({True, False}, {row["hpl_m"] == "" for row in rows})
 
     def export(self, recording, name):
         run(NADIR, "recorder", "export", recording, "--format", "csv", "--out", self.folder / name)

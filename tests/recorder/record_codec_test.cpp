@@ -58,6 +58,29 @@ TEST(RecordCodec, KeepsUnknownValuesAndSpecialNumbers) {
   EXPECT_FALSE(telemetry.gps_position);
 }
 
+// A table without its last fields is what earlier versions wrote: FlatBuffers leaves out values that are the default.
+TEST(RecordCodec, RecordingsWithoutProtectionLevelsHaveNone) {
+  EstimateRecord estimate = test::sample_estimate(1);
+  estimate.estimate.hpl_m.reset();
+  const Bytes without = encode(Record(estimate));
+  estimate.estimate.hpl_m = 31.25;
+  const Bytes with = encode(Record(estimate));
+  EXPECT_LT(without.size(), with.size());
+  EXPECT_FALSE(std::get<EstimateRecord>(*decode(Topic::estimate, without)).estimate.hpl_m);
+  EXPECT_EQ(std::get<EstimateRecord>(*decode(Topic::estimate, with)).estimate.hpl_m, 31.25);
+
+  AnchorRecord anchor;
+  anchor.anchor.verdict = AnchorVerdict::accepted;
+  const Bytes old = encode(Record(anchor));
+  anchor.anchor.log_likelihood_ratio = 9.5;
+  anchor.anchor.place_doubt = 3e-6;
+  EXPECT_LT(old.size(), encode(Record(anchor)).size());
+  const auto back = decode(Topic::anchor, old);
+  ASSERT_TRUE(back);
+  EXPECT_EQ(std::get<AnchorRecord>(*back).anchor.log_likelihood_ratio, 0);
+  EXPECT_EQ(std::get<AnchorRecord>(*back).anchor.place_doubt, 1) << "nothing is known to be in its favour";
+}
+
 // Times that the fix stream cannot compute with, and lists that contradict their order.
 TEST(RecordCodec, InputsOfFixesThatCannotBeAreRejected) {
   FixInputRecord good;

@@ -35,6 +35,7 @@ Estimate estimate(Random& random) {
   e.anchor_inliers = random.integer(0, 100);
   e.anchor_ratio = random.uniform();
   e.latency_ms = random.uniform(0, 200);
+  if (random.chance(0.7)) e.hpl_m = random.uniform(0, 500);
   return e;
 }
 
@@ -51,6 +52,8 @@ AnchorReport anchor(Random& random) {
   if (random.chance(0.7)) a.camera = PlanePoint{random.normal(0, 1000), random.normal(0, 1000)};
   a.heading_rad = random.normal();
   a.window_radius_m = random.uniform(60, 1200);
+  a.log_likelihood_ratio = random.normal(0, 5);
+  a.place_doubt = random.uniform();
   return a;
 }
 

@@ -65,8 +65,8 @@ class FixesAgain : public ::testing::Test {
     }
     const std::uint64_t index = flight_.flight.frames.size() - 1;
     const EstimateRecord& record = flight_.estimates.emplace_back(estimate_of(index, late));
-    const auto estimate =
-        vision_estimate(record.estimate, record.state, flight_.flight.frames.back().time_s, std::nullopt);
+    const auto estimate = vision_estimate(record.estimate, record.state, flight_.flight.frames.back().time_s,
+                                          std::nullopt, flight_.session.localizer.integrity_risk);
     stream.on_input(now_us, {index, late}, *estimate);
   }
 
@@ -97,6 +97,17 @@ class FixesAgain : public ::testing::Test {
   RecordedFlight flight_;
   std::vector<EstimateRecord> estimates_;  // of the replay
 };
+
+TEST_F(FixesAgain, AnotherProtectionLevelIsAnotherEstimateAndAnotherFix) {
+  const std::size_t middle = estimates_.size() / 2;
+  estimates_[middle].estimate.hpl_m = 480;  // 100 m as one sigma
+  const Reproduction estimates = compare_estimates(flight_.estimates, estimates_);
+  EXPECT_EQ(estimates.compared - estimates.same, 1U);
+  EXPECT_EQ(estimates.first_other, flight_.estimates[middle].estimate.frame);
+  const FixComparison fixes = compared();
+  ASSERT_TRUE(fixes.first);
+  EXPECT_EQ(fixes.first->field, "accuracy_m");
+}
 
 TEST_F(FixesAgain, OfAWholeRecordingAreIdentical) {
   ASSERT_EQ(flight_.flight.frames.size(), kFrames);

@@ -19,6 +19,7 @@ ReportInput small_input() {
                     .refined = std::vector<Estimate>(3),
                     .truth = Truth(3),
                     .score = {},
+                    .integrity = {},
                     .figures = {{"frames", "3"}},
                     .worst = {},
                     .map = std::nullopt};
@@ -44,6 +45,21 @@ TEST(Report, ContainsTheFrames) {
   EXPECT_EQ(data["frames"][1]["anchor"]["verdict"], "ambiguous");
   EXPECT_FALSE(data["frames"][1].contains("east"));
   EXPECT_TRUE(data["map"].is_null());
+}
+
+TEST(Report, ContainsTheProtectionLevelsAndTheRegionsOfTheStanfordDiagram) {
+  ReportInput input = small_input();
+  input.frames[0].estimate.hpl_m = 6;
+  input.frames[1].estimate.hpl_m = 50;  // without a position
+  input.integrity = integrity_figures({input.frames[0].estimate}, {input.truth[0]}, input.frame, 80);
+  const auto data = data_of(report_html(input));
+  EXPECT_EQ(data["frames"][0]["hpl"], 6);
+  EXPECT_TRUE(data["frames"][1]["hpl"].is_null());
+  EXPECT_TRUE(data["frames"][2]["hpl"].is_null());
+  EXPECT_EQ(data["integrity"]["limit"], 80);
+  EXPECT_EQ(data["integrity"]["counts"]["misleading"], 1) << "7.55 m off";
+  EXPECT_EQ(data["integrity"]["counts"]["hazardously misleading"], 0);
+  EXPECT_NE(report_html(input).find("id=\"stanford\""), std::string::npos);
 }
 
 TEST(Report, ExternalNamesAreEscaped) {

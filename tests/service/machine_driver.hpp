@@ -15,6 +15,7 @@ inline LocalizedFrame estimate(SourceLabel source, double sigma_m, bool anchored
   LocalizedFrame frame;
   frame.report.estimate.source = source;
   frame.report.estimate.sigma_m = sigma_m;
+  frame.report.estimate.hpl_m = 4.9 * sigma_m;  // one hypothesis, at a risk of 1e-5
   if (anchored) frame.report.anchor.verdict = AnchorVerdict::accepted;
   return frame;
 }
@@ -23,6 +24,7 @@ class MachineDriver {
  public:
   explicit MachineDriver(double camera_interval_s = 1.0 / 3)
       : machine_(now_s, {.camera_interval_s = camera_interval_s}) {}
+  explicit MachineDriver(const ServiceConfig& config) : machine_(now_s, config) {}
 
   void on(const OnboardEvent& event) { keep(machine_.on_event(now_s, event)); }
   void tick() { keep(machine_.update(now_s)); }
@@ -31,6 +33,20 @@ class MachineDriver {
   void frame(SourceLabel source, double sigma_m = 5) {
     on(FrameReceived{});
     on(estimate(source, sigma_m));
+  }
+
+  // A visual frame with this protection level, or none.
+  void frame_with_level(std::optional<double> hpl_m, SourceLabel source = SourceLabel::vo_extrapolated) {
+    LocalizedFrame localized = estimate(source, 5);
+    localized.report.estimate.hpl_m = hpl_m;
+    on(FrameReceived{});
+    on(localized);
+  }
+  void fly_with_level(double seconds, std::optional<double> hpl_m, SourceLabel source = SourceLabel::vo_extrapolated) {
+    for (const double end_s = now_s + seconds; now_s + 1e-9 < end_s;) {
+      wait(0.2);
+      frame_with_level(hpl_m, source);
+    }
   }
 
   // Time goes by at ten ticks a second; nothing else happens.

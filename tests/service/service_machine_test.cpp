@@ -542,5 +542,168 @@ TEST(ServiceMachine, DurationsInTheReasonGrowWhileItLasts) {
   EXPECT_NE(machine.reason_text().find("for 37."), std::string::npos) << machine.reason_text();
 }
 
+// ---- usable or not: alert limit 100 m, time to alert 3 s
+
+double time_of(const MachineDriver& flight, Why reason) {
+  for (const StateTransition& event : flight.events) {
+    if (event.reason == reason) return event.time_s;
+  }
+  return -1;
+}
+
+TEST(Integrity, APositionBeyondTheAlertLimitIsReportedWithinTheTimeToAlertAndStillSent) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.fly_with_level(5, 40);
+  EXPECT_TRUE(flight.status().usable);
+  EXPECT_EQ(flight.status().hpl_m, 40);
+  const double left_s = flight.now_s;
+  flight.fly_with_level(20, 130);
+  EXPECT_EQ(flight.count(Why::position_not_usable), 1);
+  const double told_s = time_of(flight, Why::position_not_usable);
+  EXPECT_GT(told_s, left_s);
+  EXPECT_LE(told_s, left_s + 3);
+  EXPECT_FALSE(flight.status().usable);
+  EXPECT_EQ(flight.state(), normal) << "its accuracy says how bad it is: the fix goes on";
+  EXPECT_TRUE(flight.status().fix);
+  const double back_s = flight.now_s;
+  flight.fly_with_level(2.9, 40);
+  EXPECT_FALSE(flight.saw(Why::position_usable_again));
+  flight.fly_with_level(0.6, 40);
+  EXPECT_EQ(flight.count(Why::position_usable_again), 1);
+  EXPECT_GE(time_of(flight, Why::position_usable_again), back_s + 3);
+  EXPECT_TRUE(flight.status().usable);
+}
+
+TEST(Integrity, TheNoticesChangeNoStateAndSayTheLevel) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.fly_with_level(5, 40);
+  flight.fly_with_level(3, 130);
+  const StateTransition& notice = flight.events.back();
+  ASSERT_EQ(notice.reason, Why::position_not_usable);
+  EXPECT_EQ(notice.from, notice.to);
+  EXPECT_NE(notice.text.find("130 m"), std::string::npos) << notice.text;
+}
+
+TEST(Integrity, TheMissionSetsLimitAndTime) {
+  MachineDriver flight(ServiceConfig{.integrity_risk = 1e-7, .alert_limit_m = 30, .time_to_alert_s = 10});
+  flight.boot_to_normal();
+  flight.fly_with_level(11, 29);
+  EXPECT_TRUE(flight.status().usable);
+  flight.fly_with_level(4.8, 31);
+  EXPECT_FALSE(flight.saw(Why::position_not_usable));
+  flight.fly_with_level(0.6, 31);
+  EXPECT_TRUE(flight.saw(Why::position_not_usable));
+}
+
+TEST(Integrity, WithoutAProtectionLevelThereIsNoFixAfterTheTimeToAlert) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.on(GpsAssessment{GpsVerdict::trusted});  // or failsafe would follow
+  flight.fly_with_level(5, 40);
+  const double left_s = flight.now_s;
+  flight.fly_with_level(3, {});
+  EXPECT_EQ(flight.state(), normal);
+  EXPECT_TRUE(flight.saw(Why::position_not_usable)) << "the operator knows first";
+  flight.fly_with_level(0.6, {});
+  EXPECT_EQ(flight.state(), no_fix);
+  EXPECT_FALSE(flight.status().fix);
+  EXPECT_FALSE(flight.status().hpl_m);
+  EXPECT_LE(time_of(flight, Why::integrity_lost), left_s + 3.5);
+
+  flight.fly_with_level(10, {}, satellite_anchored);
+  EXPECT_EQ(flight.state(), no_fix) << "a match alone does not bound it";
+  flight.fly_with_level(2.8, 40, satellite_anchored);
+  EXPECT_EQ(flight.state(), no_fix);
+  flight.fly_with_level(0.6, 40, satellite_anchored);
+  EXPECT_EQ(flight.state(), normal);
+  EXPECT_EQ(flight.count(Why::integrity_lost), 1);
+}
+
+TEST(Integrity, AShortGapInTheLevelKeepsTheFix) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  for (int i = 0; i < 20; ++i) {
+    flight.fly_with_level(2.4, {});
+    flight.frame_with_level(40);
+  }
+  EXPECT_EQ(flight.state(), normal);
+  EXPECT_FALSE(flight.saw(Why::integrity_lost));
+  EXPECT_EQ(flight.count(Why::position_not_usable), 1) << "not usable all the while, and said so once";
+}
+
+TEST(Integrity, TheFirstAnchorHasTheTimeToAlertToFindALevel) {
+  MachineDriver flight;
+  flight.boot_to_search();
+  flight.fly_with_level(20, {});  // searching: nothing is provided, nothing is reported
+  EXPECT_FALSE(flight.saw(Why::position_not_usable));
+  flight.frame_with_level({}, satellite_anchored);
+  EXPECT_EQ(flight.state(), normal);
+  flight.fly_with_level(1, {});
+  EXPECT_EQ(flight.state(), normal);
+  flight.fly_with_level(5, 60, satellite_anchored);
+  EXPECT_EQ(flight.state(), normal);
+  EXPECT_TRUE(flight.status().usable);
+  EXPECT_FALSE(flight.saw(Why::integrity_lost));
+}
+
+TEST(Integrity, NoLevelInFailsafeDoesNotBringTheFixBack) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.fly_with_level(10, {}, satellite_anchored);
+  EXPECT_EQ(flight.state(), failsafe);
+  EXPECT_EQ(flight.count(Why::integrity_lost), 1);
+  flight.fly_with_level(60, {}, satellite_anchored);
+  EXPECT_EQ(flight.state(), failsafe) << "it does not oscillate";
+  flight.fly_with_level(3.4, 40, satellite_anchored);
+  EXPECT_EQ(flight.state(), normal);
+}
+
+TEST(Integrity, TheLevelGrowsWithSigmaWhileBlind) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.fly_with_level(5, 40);
+  flight.now_s += 0.5;
+  flight.tick();
+  ASSERT_EQ(flight.state(), degraded);
+  double last_m = flight.status().hpl_m.value_or(1e9);
+  const double blind_s = flight.now_s;
+  while (flight.now_s < blind_s + 10) {
+    flight.wait(0.1);
+    ASSERT_TRUE(flight.status().hpl_m);
+    ASSERT_GE(*flight.status().hpl_m, last_m);
+    last_m = *flight.status().hpl_m;
+  }
+  // 4.8 sigmas of 5 m/s over 10.5 s, on top of 40 m.
+  EXPECT_NEAR(last_m, 40 + 4.8 * 5 * 10.5, 3);
+  EXPECT_EQ(flight.state(), degraded) << "the rules of blindness are what they were";
+  EXPECT_TRUE(flight.status().fix);
+  EXPECT_EQ(flight.count(Why::position_not_usable), 1);
+}
+
+TEST(Integrity, ARestoredPositionIsSentAsBeforeButNotUsable) {
+  MachineDriver flight;
+  flight.on(EstimateRestored{.sigma_m = 50, .speed_mps = 20});
+  flight.boot_to_search();
+  ASSERT_EQ(flight.state(), degraded);
+  flight.wait(5);
+  EXPECT_EQ(flight.state(), degraded);
+  EXPECT_TRUE(flight.status().fix);
+  EXPECT_FALSE(flight.status().usable);
+  EXPECT_FALSE(flight.status().hpl_m);
+  EXPECT_EQ(flight.count(Why::position_not_usable), 1);
+}
+
+TEST(Integrity, NoNumberIsNoLevel) {
+  for (const double level_m : {std::nan(""), -1.0, std::numeric_limits<double>::infinity()}) {
+    MachineDriver flight;
+    flight.boot_to_normal();
+    flight.fly_with_level(4, level_m);
+    EXPECT_FALSE(flight.status().usable) << level_m;
+    EXPECT_EQ(flight.state(), no_fix) << level_m;
+  }
+}
+
 }  // namespace
 }  // namespace nadir

@@ -136,6 +136,7 @@ class ReplayCommand final : public Command {
   std::filesystem::path out_;
   std::optional<std::filesystem::path> record_;
   bool keep_frames_ = false;
+  std::optional<double> integrity_risk_, alert_limit_m_;
 };
 
 std::string_view ReplayCommand::details() const {
@@ -167,11 +168,24 @@ void ReplayCommand::setup(Options& options) {
   options.value("--truth", truth_, "FILE.csv", "ground truth positions, for scoring only");
   options.value("--record", record_, "DIR", "folder to create: the replay as the flight recorder records it");
   options.flag("--keep-frames", keep_frames_, "record the frames' images as well").needs("--record");
+  options
+      .value("--integrity-risk", integrity_risk_, "RISK",
+             "per look, of being outside the protection level; the mission's by default, else 1e-5")
+      .between(kMinIntegrityRisk, kMaxIntegrityRisk);
+  options
+      .value("--alert-limit-m", alert_limit_m_, "METRES",
+             "largest protection level of a usable position; the mission's by default, else 100")
+      .between(kMinAlertLimit_m, kMaxAlertLimit_m);
 }
 
 int ReplayCommand::run(Context& context) {
   keep_freed_memory();
   request_.check();
+  if (integrity_risk_ && request_.recorder()) {
+    throw UsageError({.what = "nadir replay --recorder takes the integrity risk from the recording",
+                      .where = "--integrity-risk",
+                      .fix = "leave it out: every estimate is compared with the recorded one"});
+  }
   StagingDirectory staging(out_);
   const std::filesystem::path unpacked = staging.path() / "unpacked";
   std::filesystem::create_directory(unpacked);
@@ -181,6 +195,9 @@ int ReplayCommand::run(Context& context) {
   const std::optional<RecordedFlight>& recorded = ready->recorded;
   const OpenPackage* package = ready->package.get();
   ReplaySetup& setup = *ready->setup;
+  if (integrity_risk_) setup.integrity_risk = integrity_risk_;
+  const double alert_limit_m = alert_limit_m_.value_or(package != nullptr ? package->mission().integrity.alert_limit_m
+                                                                          : IntegrityRequirement().alert_limit_m);
   const LocalFrame& frame = setup.frame;
   const Truth truth = truth_ ? read_truth(*truth_, flight.frames) : Truth(flight.frames.size());
 
@@ -225,7 +242,10 @@ int ReplayCommand::run(Context& context) {
   if (fixes) write_file_atomic(staging.path() / "fixes.csv", csv_of(fixes_table(fixes->fixes)));
 
   const std::vector<Estimate> estimates = estimates_of(flown.frames);
-  const Summary summary{score(estimates, truth, frame), score(flown.refined, truth, frame), peak_memory_mb()};
+  const Summary summary{.streamed = score(estimates, truth, frame),
+                        .refined = score(flown.refined, truth, frame),
+                        .integrity = integrity_figures(estimates, truth, frame, alert_limit_m),
+                        .peak_memory_mb = peak_memory_mb()};
   nlohmann::json document = json_from(summary);
   write_file_atomic(staging.path() / "summary.json", document.dump(2) + "\n");
   write_file_atomic(staging.path() / "track.geojson", track_geojson(estimates, flown.refined, truth));
@@ -240,6 +260,7 @@ int ReplayCommand::run(Context& context) {
       .refined = std::move(flown.refined),
       .truth = truth,
       .score = summary.streamed,
+      .integrity = summary.integrity,
       .figures = figures_from(summary),
       .worst = std::move(flown.worst),
       .map = std::nullopt};

@@ -1,4 +1,5 @@
-// Error and σ over time: a band up to the radius that should hold 95 % of the truth, a dot per frame for the error.
+// Error, σ and protection level over time: a band up to the radius that should hold 95 % of the truth, a line for the
+// protection level (broken where none is known), a dot per frame for the error.
 
 const drawChart = (host) => {
   const scored = data.frames.some((frame) => frame.error != null);
@@ -8,6 +9,10 @@ const drawChart = (host) => {
   legend.append(element(
       'span', {}, element('i', {style: 'background:var(--band);border:1px solid var(--band-line)'}),
       'stated 95 % radius (2.45 σ)'));
+  if (data.frames.some((frame) => frame.hpl != null)) {
+    legend.append(element('span', {}, element('i', {style: 'background:var(--refined);height:3px'}), 'protection level'));
+    legend.append(element('span', {}, element('i', {style: 'background:var(--bad);height:2px'}), `alert limit ${metres(data.integrity.limit)}`));
+  }
   if (scored) {
     for (const [code, { label, colour }] of Object.entries(sources)) {
       if (data.frames.some((frame) => frame.source === code && frame.error != null))
@@ -15,7 +20,9 @@ const drawChart = (host) => {
     }
   }
   const radius = (frame) => frame.east == null ? null : 2.448 * frame.sigma;
-  const values = data.frames.flatMap((frame) => [frame.error, radius(frame)]).filter((v) => v != null).sort((a, b) => a - b);
+  // Levels far beyond the alert limit are cut at the top: errors must stay readable.
+  const level = (frame) => frame.hpl == null ? null : Math.min(frame.hpl, 1.5 * data.integrity.limit);
+  const values = data.frames.flatMap((frame) => [frame.error, radius(frame), level(frame)]).filter((v) => v != null).sort((a, b) => a - b);
   if (values.length === 0) { host.append(element("p", { class: "note" }, "No frame has a position.")); return; }
   // One wild value must not flatten everything else: what lies above the top is drawn at the edge as a triangle.
   const usual = values[Math.floor(0.97 * (values.length - 1))], largest = values[values.length - 1];
@@ -53,6 +60,19 @@ const drawChart = (host) => {
     };
     for (const frame of data.frames) radius(frame) == null ? flush() : run.push([frame.time, radius(frame)]);
     flush();
+    const levels = data.frames.some((frame) => frame.hpl != null);
+    if (levels && data.integrity.limit <= top) {
+      const limit = y(data.integrity.limit);
+      svg.append(svgElement("line", { x1: left, x2: width - right, y1: limit, y2: limit, stroke: "var(--bad)", "stroke-width": 1.2, "stroke-dasharray": "6 4" }));
+    }
+    let path = "", pen = "M";
+    for (const frame of data.frames) {
+      if (frame.hpl == null) { pen = "M"; continue; }
+      path += `${pen}${x(frame.time).toFixed(1)} ${y(frame.hpl).toFixed(1)}`;
+      if (pen === "M") path += "h.01";  // a level between two unknown ones is a dot
+      pen = "L";
+    }
+    if (path) svg.append(svgElement("path", { id: "level", d: path, fill: "none", stroke: "var(--refined)", "stroke-width": 2, "stroke-linecap": "round" }));
     for (const frame of data.frames) {
       if (frame.error == null) continue;
       const px = x(frame.time), py = y(frame.error), colour = sources[frame.source].colour;

@@ -42,6 +42,7 @@ const drawReadout = (host) => {
     if (frame.lat != null) row("position", `${frame.lat.toFixed(6)}, ${frame.lon.toFixed(6)}`);
     if (frame.error != null) row("error", metres(frame.error));
     if (frame.east != null) row("σ", metres(frame.sigma));
+    if (frame.east != null) row("protection level", frame.hpl == null ? "none" : metres(frame.hpl) + (frame.hpl > data.integrity.limit ? ", NOT USABLE" : ""));
     if (frame.age != null) row("anchor age", frame.age.toFixed(1) + " s");
     row("segment", frame.segment);
     row("odometry", frame.odometry.tracked ? `${frame.odometry.inliers} points, ${metres(frame.odometry.step)}` : "not tracked");

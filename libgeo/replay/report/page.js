@@ -16,6 +16,7 @@ drawReadout(document.getElementById("readout"));
 drawStrip(document.getElementById("strip"));
 drawWorst(document.getElementById("worst"));
 drawChart(document.getElementById("chart"));
+drawStanford(document.getElementById("stanford"));
 addEventListener("keydown", (event) => {
   if (event.key === "ArrowRight") select(selected + 1);
   if (event.key === "ArrowLeft") select(selected - 1);

@@ -31,6 +31,10 @@ const showState = (state) => {
 
   const sigma = state.position?.sigma_m ?? null;
   figure("sigma", sigma === null ? "–" : metres(sigma), "m", sigma === null ? "bad" : sigma > 100 ? "bad" : sigma > 20 ? "warn" : "");
+  const level = state.position?.hpl_m ?? null, { usable, alert_limit_m: limit } = state.integrity;
+  figure("hpl", level === null ? "–" : metres(level), "m", usable ? "" : "bad");
+  byId("hpl-limit").textContent = usable || !state.position ? "protection level" : `NOT USABLE (> ${metres(limit)} m)`;
+  byId("hpl-limit").title = `protection level, alert limit ${metres(limit)} m`;
   figure("speed", state.velocity ? Math.hypot(state.velocity.east_m_s, state.velocity.north_m_s).toFixed(1) : "–", "m/s");
   figure("heading", state.heading_deg === null ? "–" : String(Math.round(state.heading_deg) % 360).padStart(3, "0") + "°");
   figure("agl", state.agl_m === null ? "–" : Math.round(state.agl_m), "m");

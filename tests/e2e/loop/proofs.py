@@ -15,6 +15,8 @@ UNIT_TESTS_ALONE = {
     "link_without_signing": "these flights are signed",
     "matches to the map end with an exception": "no frame makes the matcher throw",
     "matcher_failing": "the same",
+    "no protection level for longer than the time to alert (3 s)": "no flight here sees so much that contradicts its place",
+    "integrity_lost": "the same",
 }
 
 
@@ -149,6 +151,10 @@ PROOFS = [
         (float(row["time_s"]) - seen.act("camera-cut", 1)
          for row in seen.happened.between((seen.act("camera-cut", 1) or 0) + 20, seen.happened.end_s())
          if int(row["given_fix_type"]) < 3), None)),
+    Proof("position_not_usable", "camera", "notified within 3 s of the level's 100 m, some 4 s blind", 4.5 + 3 + SETTLES_S,
+          _after("camera-cut", "Nadir: POSITION NOT USABLE", 1)),
+    Proof("position_usable_again", "camera", "matched, then 3 s", LONG_DARK_S + 3,
+          _steady_first(3, lambda seen: seen.act("camera-restore", 1), "Nadir: position usable again")),
     Proof("back from `degraded`", "camera", "not before 1 s of frames", BACK_S,
           _steady_first(1, lambda seen: seen.act("camera-restore"), "Nadir: visual position restored")),
     Proof("vision_back", "camera", "after a black frame", BACK_S, _after_hand("black", "Nadir: visual position restored")),

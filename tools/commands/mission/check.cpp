@@ -68,9 +68,16 @@ int MissionCheckCommand::run(Context& context) {
   const Mission& mission = *reading.mission;
   const Demand demand = demand_of(mission);
   if (context.json) {
-    const nlohmann::json more{{"mission", mission.id},        {"series", mission.series},
-                              {"sequence", mission.sequence}, {"sectors_km2", demand.sectors_km2},
-                              {"route_km", demand.route_km},  {"required_tiles", demand.tiles}};
+    const nlohmann::json more{{"mission", mission.id},
+                              {"series", mission.series},
+                              {"sequence", mission.sequence},
+                              {"sectors_km2", demand.sectors_km2},
+                              {"route_km", demand.route_km},
+                              {"required_tiles", demand.tiles},
+                              {"integrity",
+                               {{"risk", mission.integrity.risk},
+                                {"alert_limit_m", mission.integrity.alert_limit_m},
+                                {"time_to_alert_s", mission.integrity.time_to_alert_s}}}};
     return report_findings(context.out, true, reading.findings, more);
   }
   print_figures(
@@ -80,7 +87,10 @@ int MissionCheckCommand::run(Context& context) {
        {"airframes", fmt::format("{}", fmt::join(mission.airframes, ", "))},
        {"sectors", fmt::format("{}, {:.2f} km²", mission.sectors.size(), demand.sectors_km2)},
        {"route", fmt::format("{:.2f} km, {:.0f} m to each side", demand.route_km, mission.route.corridor_half_width_m)},
-       {"tiles", fmt::format("{} at zooms {} to {}", demand.tiles, mission.zoom.min, mission.zoom.max)}});
+       {"tiles", fmt::format("{} at zooms {} to {}", demand.tiles, mission.zoom.min, mission.zoom.max)},
+       {"integrity",
+        fmt::format("alert limit {} m at a risk of {} a look, alert within {} s", mission.integrity.alert_limit_m,
+                    mission.integrity.risk, mission.integrity.time_to_alert_s)}});
   return report_findings(context.out, false, reading.findings);
 }
 

@@ -40,7 +40,8 @@ Table estimates_table() {
                       {"anchor_inliers", integer},
                       {"anchor_ratio", real},
                       {"latency_ms", real},
-                      {"tracked", integer}},
+                      {"tracked", integer},
+                      {"hpl_m", real}},
           .rows = {}};
 }
 
@@ -61,7 +62,9 @@ Table anchors_table() {
                       {"chi2", real},
                       {"matching_gsd_m", real},
                       {"heading_deg", real},
-                      {"window_radius_m", real}},
+                      {"window_radius_m", real},
+                      {"log_likelihood_ratio", real},
+                      {"place_doubt", real}},
           .rows = {}};
 }
 
@@ -140,7 +143,7 @@ TableRow row_of(const EstimateRecord& record, std::string_view stage) {
           {cell(record.index), cell(e.frame), e.time_s, Cell(), cell(stage),
            record.state.agl_m > 0 ? Cell(record.state.agl_m) : Cell(), e.position ? Cell(e.sigma_m) : Cell(),
            cell(name_of(e.source)), cell(e.segment), cell(e.anchor_age_s), cell(e.anchor_inliers), e.anchor_ratio,
-           e.latency_ms, cell(record.odometry.tracked ? 1 : 0)}};
+           e.latency_ms, cell(record.odometry.tracked ? 1 : 0), e.position ? cell(e.hpl_m) : Cell()}};
 }
 
 TableRow row_of(const AnchorRecord& record, const LocalFrame& frame) {
@@ -150,7 +153,7 @@ TableRow row_of(const AnchorRecord& record, const LocalFrame& frame) {
   return {place,
           {cell(record.index), cell(record.frame), record.time_s, Cell(), cell(name_of(a.verdict)), a.score, a.ratio,
            cell(a.inliers), cell(a.patches), a.residual_px, a.chi2, a.matching_gsd_m, degrees(a.heading_rad),
-           a.window_radius_m}};
+           a.window_radius_m, a.log_likelihood_ratio, a.place_doubt}};
 }
 
 TableRow row_of(const FixRecord& r) {
