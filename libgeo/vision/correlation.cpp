@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
 #include "base/platform.hpp"
+#include "vision/integer_products.hpp"
 
 namespace nadir {
 namespace {
@@ -78,20 +80,8 @@ Peak refined_peak(const cv::Mat& scores, cv::Point at) {
   return peak;
 }
 
-constexpr float kScale = 256;
-constexpr std::int32_t kMaxQuantized = 511;
-constexpr int kMaxRun = 1300;  // pixels of six channels whose products fit into 32 bits: 6 · 1300 · 511² < 2³¹
-
-// products[i] += Σ pattern[k] · window[i · step + k]
-NADIR_FOR_WIDE_REGISTERS void add_products(const std::int16_t* pattern, const std::int16_t* window, std::size_t length,
-                                           std::size_t step, std::size_t count, std::int64_t* products) {
-  for (std::size_t i = 0; i < count; ++i) {
-    const std::int16_t* at = window + i * step;
-    std::int32_t sum = 0;
-    for (std::size_t k = 0; k < length; ++k) sum += pattern[k] * at[k];
-    products[i] += sum;
-  }
-}
+constexpr double kQuantizedSteps = 256;
+constexpr int kMaxRows = 8000;  // squares up to 511² of so many fit into 32 bits
 
 // sums[i · group + k] += end[i · step · group + k] - begin[…]
 template <typename Whole>
@@ -108,12 +98,32 @@ void add_differences(const Whole* end, const Whole* begin, std::size_t group, st
   }
 }
 
-// A row of a pair of channels in integer steps, less the mean at each position.
-void quantize(const float* values, const float* mean, std::size_t count, std::int16_t* whole) {
+// Sums of a run of pixels: of each channel, and of the squares of all.
+template <std::size_t kChannels>
+void sum_of_run(const std::int16_t* value, std::size_t columns, double* sums, std::int64_t& squares) {
+  std::array<std::int64_t, kChannels> sum{};
+  for (std::size_t c = 0; c < columns; ++c, value += kChannels) {
+    for (std::size_t k = 0; k < kChannels; ++k) {
+      sum[k] += value[k];
+      squares += value[k] * value[k];
+    }
+  }
+  for (std::size_t k = 0; k < kChannels; ++k) sums[k] += static_cast<double>(sum[k]);
+}
+
+NADIR_FOR_WIDE_REGISTERS void add_values(const std::int16_t* values, std::size_t count, std::int32_t* sums,
+                                         std::int32_t* squares) {
   for (std::size_t i = 0; i < count; ++i) {
-    const float scaled = values[i] * kScale - mean[i];
-    const auto rounded = static_cast<std::int32_t>(scaled + std::copysign(0.5F, scaled));
-    whole[i] = static_cast<std::int16_t>(std::min(std::max(rounded, -kMaxQuantized), kMaxQuantized));
+    sums[i] += values[i];
+    squares[i] += values[i] * values[i];
+  }
+}
+
+NADIR_FOR_WIDE_REGISTERS void exchange_values(const std::int16_t* more, const std::int16_t* less, std::size_t count,
+                                              std::int32_t* sums, std::int32_t* squares) {
+  for (std::size_t i = 0; i < count; ++i) {
+    sums[i] += more[i] - less[i];
+    squares[i] += more[i] * more[i] - less[i] * less[i];
   }
 }
 
@@ -231,50 +241,11 @@ std::vector<Peak> distinct_peaks(const cv::Mat& scores, std::size_t count, doubl
   return peaks;
 }
 
-QuantizedChannels::QuantizedChannels(const Channels& channels)
-    : mask_(channels.mask), channels_(2 * channels.pairs.size()), means_removed_(channels.means_removed) {
-  CV_Assert(channels_ == 2 || channels_ == 6);
-  const auto rows = static_cast<std::size_t>(mask_.rows), columns = static_cast<std::size_t>(mask_.cols);
-  values_ = std::make_unique_for_overwrite<std::int16_t[]>(rows * columns * channels_);
-  sums_ = std::make_unique_for_overwrite<std::int32_t[]>(rows * (columns + 1) * channels_);
-  squares_ = std::make_unique_for_overwrite<std::int64_t[]>(rows * (columns + 1));
-  valid_ = std::make_unique_for_overwrite<std::int32_t[]>(rows * (columns + 1));
-  // What is not valid counts as the mean, which is then 0.
-  std::vector<float> mean(columns * channels_);
-  for (std::size_t p = 0; p < channels.pairs.size(); ++p) {
-    const cv::Scalar both = means_removed_ ? cv::mean(channels.pairs[p], mask_) : cv::Scalar();
-    for (std::size_t i = 0; i < 2 * columns; ++i) {
-      mean[2 * columns * p + i] = std::round(static_cast<float>(both[static_cast<int>(i % 2)]) * kScale);
-    }
-  }
-  std::vector<std::int16_t> pair_values(2 * columns);
-  for (std::size_t r = 0; r < rows; ++r) {
-    const auto* valid = mask_.ptr<std::uint8_t>(static_cast<int>(r));
-    std::int16_t* value = values_.get() + r * columns * channels_;
-    for (std::size_t p = 0; p < channels.pairs.size(); ++p) {
-      quantize(channels.pairs[p].ptr<float>(static_cast<int>(r)), mean.data() + 2 * columns * p, 2 * columns,
-               pair_values.data());
-      for (std::size_t c = 0; c < columns; ++c) {
-        const bool keep = valid[c] != 0;
-        value[c * channels_ + 2 * p] = keep ? pair_values[2 * c] : std::int16_t{0};
-        value[c * channels_ + 2 * p + 1] = keep ? pair_values[2 * c + 1] : std::int16_t{0};
-      }
-    }
-    const std::size_t line = r * (columns + 1);
-    const auto sum_up = channels_ == 6 ? add_up<6> : add_up<2>;
-    sum_up(value, columns, sums_.get() + line * channels_, squares_.get() + line);
-    valid_[line] = 0;
-    for (std::size_t c = 0; c < columns; ++c) valid_[line + c + 1] = valid_[line + c] + (valid[c] != 0 ? 1 : 0);
-  }
-}
-
 LocalTemplate::LocalTemplate(const QuantizedChannels& of, const cv::Rect& part)
-    : of_(&of), part_(part), sums_(of.channels_) {
-  CV_Assert((part & cv::Rect(cv::Point(), of.size())) == part && part.width <= kMaxRun && of.channels_ <= 6);
-  const auto columns = static_cast<std::size_t>(of.mask_.cols);
-  double squares = 0;
+    : part_(part), channels_(of.channels()), means_removed_(of.means_removed()), sums_(of.channels()) {
+  CV_Assert((part & cv::Rect(cv::Point(), of.size())) == part && part.height <= kMaxRows);
   for (int row = 0; row < part.height; ++row) {
-    const auto* valid = of.mask_.ptr<std::uint8_t>(part.y + row) + part.x;
+    const auto* valid = of.mask().ptr<std::uint8_t>(part.y + row) + part.x;
     for (int begin = 0; begin < part.width;) {
       if (valid[begin] == 0) {
         ++begin;
@@ -282,69 +253,173 @@ LocalTemplate::LocalTemplate(const QuantizedChannels& of, const cv::Rect& part)
       }
       int end = begin + 1;
       while (end < part.width && valid[end] != 0) ++end;
-      runs_.push_back({row, begin, end});
-      const std::size_t line = static_cast<std::size_t>(part.y + row) * (columns + 1);
-      const std::size_t from = line + static_cast<std::size_t>(part.x + begin);
-      const std::size_t to = line + static_cast<std::size_t>(part.x + end);
-      for (std::size_t k = 0; k < of.channels_; ++k) {
-        sums_[k] += of.sums_[to * of.channels_ + k] - of.sums_[from * of.channels_ + k];
-      }
-      squares += static_cast<double>(of.squares_[to] - of.squares_[from]);
-      pixels_ += end - begin;
+      add_run(row, begin, end, of.at(part.y + row, part.x + begin));
       begin = end;
     }
   }
-  energy_ = squares;
-  if (!of.means_removed_) std::fill(sums_.begin(), sums_.end(), 0.0);
+  if (!means_removed_) std::fill(sums_.begin(), sums_.end(), 0.0);
   for (const double sum : sums_) energy_ -= sum * sum / std::max(1.0, pixels_);
 }
+
+void LocalTemplate::add_run(int row, int begin, int end, const std::int16_t* values) {
+  const std::size_t length = static_cast<std::size_t>(end - begin) * channels_;
+  const std::size_t blocks = (length + kProductBlock - 1) / kProductBlock;
+  runs_.push_back({row, begin, end, values_.size(), blocks});
+  values_.insert(values_.end(), values, values + length);
+  values_.resize(runs_.back().at + blocks * kProductBlock);
+  std::int64_t squares = 0;
+  const auto sum_up = channels_ == 6 ? sum_of_run<6> : sum_of_run<2>;
+  sum_up(values, static_cast<std::size_t>(end - begin), sums_.data(), squares);
+  energy_ += static_cast<double>(squares);
+  pixels_ += end - begin;
+}
+
+// Of the window under the valid pixels of the template, for a row of placements: sums of each channel, of the squares
+// of all, and the number of valid pixels.
+struct LocalTemplate::WindowSums {
+  WindowSums(std::size_t count, std::size_t channels) : sums(count * channels), valid(count), squares(count) {}
+
+  std::vector<std::int32_t> sums, valid;
+  std::vector<std::int64_t> squares;
+};
+
+// For templates without gaps over ground without gaps: columns of pixels are summed once for all placements above each
+// other.
+class LocalTemplate::Columns {
+ public:
+  Columns(const QuantizedChannels& window, const cv::Rect& part, cv::Point first, std::size_t count)
+      : window_(window), part_(part), first_(first), count_(count), channels_(window.channels()) {
+    columns_ = static_cast<std::size_t>(part.width) + count - 1;
+    sums_.resize(columns_ * channels_);
+    squares_.resize(columns_ * channels_);
+    for (int row = 0; row < part.height; ++row) add_values(row_at(row), sums_.size(), sums_.data(), squares_.data());
+  }
+
+  void fill(int v, WindowSums& window) {
+    if (v > 0) {
+      exchange_values(row_at(v + part_.height - 1), row_at(v - 1), sums_.size(), sums_.data(), squares_.data());
+    }
+    const auto width = static_cast<std::size_t>(part_.width);
+    std::array<std::int32_t, 6> sum{};
+    std::int64_t square = 0;
+    for (std::size_t c = 0; c < columns_; ++c) {
+      for (std::size_t k = 0; k < channels_; ++k) {
+        const std::size_t here = c * channels_ + k;
+        sum[k] += sums_[here];
+        square += squares_[here];
+        if (c >= width) {
+          sum[k] -= sums_[here - width * channels_];
+          square -= squares_[here - width * channels_];
+        }
+      }
+      if (c + 1 < width) continue;
+      const std::size_t i = c + 1 - width;
+      std::copy_n(sum.begin(), channels_, window.sums.begin() + static_cast<std::ptrdiff_t>(i * channels_));
+      window.squares[i] = square;
+      window.valid[i] = part_.area();
+    }
+  }
+
+ private:
+  const std::int16_t* row_at(int row) const { return window_.at(first_.y + row, first_.x); }
+
+  const QuantizedChannels& window_;
+  cv::Rect part_;
+  cv::Point first_;
+  std::size_t count_, channels_, columns_ = 0;
+  std::vector<std::int32_t> sums_, squares_;  // of each column and channel
+};
+
+// For all others: sums along each row of the window, whose differences are those under a run.
+class LocalTemplate::Rows {
+ public:
+  Rows(const QuantizedChannels& window, const cv::Rect& used)
+      : used_(used), channels_(window.channels()), line_(static_cast<std::size_t>(used.width) + 1) {
+    const auto rows = static_cast<std::size_t>(used.height);
+    sums_ = std::make_unique_for_overwrite<std::int32_t[]>(rows * line_ * channels_);
+    squares_ = std::make_unique_for_overwrite<std::int64_t[]>(rows * line_);
+    valid_ = std::make_unique_for_overwrite<std::int32_t[]>(rows * line_);
+    const auto sum_up = channels_ == 6 ? add_up<6> : add_up<2>;
+    for (std::size_t r = 0; r < rows; ++r) {
+      const std::size_t begin = r * line_;
+      sum_up(window.at(used.y + static_cast<int>(r), used.x), line_ - 1, sums_.get() + begin * channels_,
+             squares_.get() + begin);
+      const auto* valid = window.mask().ptr<std::uint8_t>(used.y + static_cast<int>(r)) + used.x;
+      valid_[begin] = 0;
+      for (std::size_t c = 0; c + 1 < line_; ++c) valid_[begin + c + 1] = valid_[begin + c] + (valid[c] != 0 ? 1 : 0);
+    }
+  }
+
+  // down: of the row of placements in pixels.
+  void fill(const std::vector<Run>& runs, int down, std::size_t step, WindowSums& window) const {
+    const std::size_t count = window.squares.size();
+    std::fill(window.sums.begin(), window.sums.end(), 0);
+    std::fill(window.squares.begin(), window.squares.end(), 0);
+    std::fill(window.valid.begin(), window.valid.end(), 0);
+    for (const Run& run : runs) {
+      const std::size_t line = static_cast<std::size_t>(down + run.row) * line_;
+      const std::size_t begin = line + static_cast<std::size_t>(run.begin),
+                        end = line + static_cast<std::size_t>(run.end);
+      add_differences(sums_.get() + end * channels_, sums_.get() + begin * channels_, channels_, step, count,
+                      window.sums.data());
+      add_differences(squares_.get() + end, squares_.get() + begin, 1, step, count, window.squares.data());
+      add_differences(valid_.get() + end, valid_.get() + begin, 1, step, count, window.valid.data());
+    }
+  }
+
+ private:
+  cv::Rect used_;
+  std::size_t channels_, line_;
+  // Not vectors, because those would be filled with zeros first.
+  std::unique_ptr<std::int32_t[]> sums_;     // of each channel from the row's start up to the pixel; one more per row
+  std::unique_ptr<std::int64_t[]> squares_;  // of all channels, likewise
+  std::unique_ptr<std::int32_t[]> valid_;    // pixels, likewise
+};
 
 cv::Mat LocalTemplate::scores(const QuantizedChannels& window, cv::Point first, cv::Size placements, double min_valid,
                               int step) const {
   const cv::Rect used(first.x, first.y, part_.width + (placements.width - 1) * step,
                       part_.height + (placements.height - 1) * step);
   CV_Assert((used & cv::Rect(cv::Point(), window.size())) == used);
+  CV_Assert(window.channels() == channels_);
   const auto apart = static_cast<std::size_t>(step);
-  CV_Assert(window.channels_ == of_->channels_);
-  const std::size_t channels = of_->channels_, count = static_cast<std::size_t>(placements.width);
-  const auto columns = static_cast<std::size_t>(window.mask_.cols);
-  const auto own_columns = static_cast<std::size_t>(of_->mask_.cols);
+  const auto count = static_cast<std::size_t>(placements.width);
   cv::Mat result(placements, CV_32FC1, cv::Scalar(-1));
-  std::vector<std::int64_t> products(count), squares(count);
-  std::vector<std::int32_t> sums(count * channels), valid(count);
+  std::vector<std::int64_t> products(count);
+  std::vector<ProductRow> rows(runs_.size());
+  WindowSums there(count, channels_);
+  const bool no_gaps = step == 1 && runs_.size() == static_cast<std::size_t>(part_.height) && pixels_ == part_.area() &&
+                       (window.whole() || cv::countNonZero(window.mask()(used)) == used.area());
+  std::optional<Columns> by_columns;
+  std::optional<Rows> by_rows;
+  if (no_gaps) {
+    by_columns.emplace(window, part_, first, count);
+  } else {
+    by_rows.emplace(window, used);
+  }
   for (int v = 0; v < placements.height; ++v) {
-    std::fill(products.begin(), products.end(), 0);
-    std::fill(squares.begin(), squares.end(), 0);
-    std::fill(sums.begin(), sums.end(), 0);
-    std::fill(valid.begin(), valid.end(), 0);
-    for (const Run& run : runs_) {
-      const auto row = static_cast<std::size_t>(first.y + v * step + run.row);
-      const auto begin = static_cast<std::size_t>(first.x + run.begin),
-                 end = static_cast<std::size_t>(first.x + run.end);
-      const std::size_t own =
-          static_cast<std::size_t>(part_.y + run.row) * own_columns + static_cast<std::size_t>(part_.x + run.begin);
-      add_products(of_->values_.get() + own * channels, window.values_.get() + (row * columns + begin) * channels,
-                   (end - begin) * channels, apart * channels, count, products.data());
-      const std::size_t line = row * (columns + 1);
-      add_differences(window.sums_.get() + (line + end) * channels, window.sums_.get() + (line + begin) * channels,
-                      channels, apart, count, sums.data());
-      add_differences(window.squares_.get() + line + end, window.squares_.get() + line + begin, 1, apart, count,
-                      squares.data());
-      add_differences(window.valid_.get() + line + end, window.valid_.get() + line + begin, 1, apart, count,
-                      valid.data());
+    for (std::size_t i = 0; i < runs_.size(); ++i) {
+      const Run& run = runs_[i];
+      rows[i] = {values_.data() + run.at, window.at(first.y + v * step + run.row, first.x + run.begin), run.blocks};
+    }
+    sum_products(rows, apart * channels_, count, products.data());
+    if (by_columns) {
+      by_columns->fill(v, there);
+    } else {
+      by_rows->fill(runs_, v * step, apart, there);
     }
     auto* out = result.ptr<float>(v);
     for (std::size_t i = 0; i < count; ++i) {
-      const double overlap = valid[i];
+      const double overlap = there.valid[i];
       if (overlap < min_valid * pixels_ || overlap == 0) continue;
-      double product = static_cast<double>(products[i]), energy = static_cast<double>(squares[i]);
-      for (std::size_t k = 0; k < channels; ++k) {
-        const double sum = sums[i * channels + k];
+      double product = static_cast<double>(products[i]), energy = static_cast<double>(there.squares[i]);
+      for (std::size_t k = 0; k < channels_; ++k) {
+        const double sum = there.sums[i * channels_ + k];
         product -= sums_[k] * sum / pixels_;
-        if (of_->means_removed_) energy -= sum * sum / overlap;
+        if (means_removed_) energy -= sum * sum / overlap;
       }
       // As in TemplateNorm: ground without texture matches nothing, and a placement half off the map is not favoured.
-      constexpr double kMinQuantizedVariance = kMinVariance * double{kScale} * double{kScale};
+      constexpr double kMinQuantizedVariance = kMinVariance * kQuantizedSteps * kQuantizedSteps;
       if (energy < kMinQuantizedVariance * pixels_) continue;
       out[i] =
           energy_ > 0 ? static_cast<float>(product / std::sqrt(energy * energy_) * std::sqrt(overlap / pixels_)) : 0.0F;

@@ -11,12 +11,12 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 #include <vector>
 
 #include "vision/oriented_channels.hpp"
+#include "vision/quantized_channels.hpp"
 
 namespace nadir {
 
@@ -70,31 +70,10 @@ Peak best_peak(const cv::Mat& scores);
 // The strongest maxima that are at least min_distance_px apart, best first.
 std::vector<Peak> distinct_peaks(const cv::Mat& scores, std::size_t count, double min_distance_px);
 
-// Channels as integers (steps of 1/256, at most ±511), all channels of a pixel side by side.
-class QuantizedChannels {
- public:
-  explicit QuantizedChannels(const Channels& channels);
-
-  cv::Size size() const { return mask_.size(); }
-  const cv::Mat& mask() const { return mask_; }
-
- private:
-  friend class LocalTemplate;
-
-  cv::Mat mask_;
-  std::size_t channels_ = 0;
-  bool means_removed_ = true;
-  // Not vectors, because those would be filled with zeros first: megabytes for each image.
-  std::unique_ptr<std::int16_t[]> values_;   // row by row, pixel by pixel, less the mean, 0 where the mask is
-  std::unique_ptr<std::int32_t[]> sums_;     // of each channel from the row's start up to the pixel; one more per row
-  std::unique_ptr<std::int64_t[]> squares_;  // of all channels, likewise
-  std::unique_ptr<std::int32_t[]> valid_;    // pixels, likewise
-};
-
 // A part of an image as the template of direct correlations.
 class LocalTemplate {
  public:
-  // `of` must outlive it; `part` lies inside.
+  // `part` lies inside.
   LocalTemplate(const QuantizedChannels& of, const cv::Rect& part);
 
   // Scores (CV_32FC1) with the template's top-left corner at `first` of `window` and at placements.width - 1 further
@@ -106,10 +85,19 @@ class LocalTemplate {
  private:
   struct Run {  // of valid pixels in a row of the template
     int row = 0, begin = 0, end = 0;
+    std::size_t at = 0, blocks = 0;  // in values_
   };
-  const QuantizedChannels* of_;
+  struct WindowSums;
+  class Columns;
+  class Rows;
+
+  void add_run(int row, int begin, int end, const std::int16_t* values);
+
   cv::Rect part_;
+  std::size_t channels_ = 0;
+  bool means_removed_ = true;
   std::vector<Run> runs_;
+  std::vector<std::int16_t> values_;  // of the runs, one after the other, each filled up with zeros
   double pixels_ = 0;
   double energy_ = 0;         // sum of squares, the channels' means removed
   std::vector<double> sums_;  // of each channel
