@@ -441,7 +441,13 @@ void MapChannels::cover(const cv::Rect& part) {
     image_(available).copyTo(image(available - part_.tl()));
     mask_(available).copyTo(mask(available - part_.tl()));
   }
-  channels_.emplace(oriented_channels(image, mask, set_, options_));
+  channels_.emplace(quantized_channels(image, mask, set_, options_));
+  half_.reset();
+}
+
+const QuantizedChannels& MapChannels::half() {
+  if (!half_) half_.emplace(channels_->halved({0, 0}));
+  return *half_;
 }
 
 }  // namespace nadir

@@ -115,6 +115,8 @@ class MapChannels {
   void cover(const cv::Rect& part);
   // Of the region covered last, and where in it a pixel of the map lies.
   const QuantizedChannels& channels() const { return *channels_; }
+  // The same at half the resolution.
+  const QuantizedChannels& half();
   cv::Point inside(cv::Point map_pixel) const { return map_pixel - part_.tl(); }
 
  private:
@@ -122,7 +124,7 @@ class MapChannels {
   ChannelSet set_;
   ChannelOptions options_;
   cv::Rect part_;
-  std::optional<QuantizedChannels> channels_;
+  std::optional<QuantizedChannels> channels_, half_;
 };
 
 }  // namespace nadir

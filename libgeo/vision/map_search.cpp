@@ -174,7 +174,8 @@ void confirm(MatchHypothesis& hypothesis, const ReducedFrame& frame, const Scale
   const CameraPose begin = hypothesis.pose;
   for (const HeadingAndHeight& trial : trials) {
     options.cancel.check();
-    const QuantizedChannels whole(channels_of(rectify(frame, with(begin, trial, {}), *grid), set, options));
+    const RectifiedFrame rectified = rectify(frame, with(begin, trial, {}), *grid);
+    const QuantizedChannels whole = quantized_channels(rectified.image, rectified.mask, set, options.features.channels);
     const LocalTemplate pattern(whole, cv::Rect(cv::Point(), whole.size()));
     const Peak peak = best_peak(
         pattern.scores(map_channels.channels(), map_channels.inside(part.tl()), {2 * slack + 1, 2 * slack + 1}));
