@@ -14,46 +14,121 @@
 namespace nadir {
 namespace {
 
-cv::Mat spectrum_of(const cv::Mat& complex, cv::Size fft_size) {
-  cv::Mat padded = cv::Mat::zeros(fft_size, CV_32FC2);
-  complex.copyTo(padded(cv::Rect(0, 0, complex.cols, complex.rows)));
-  cv::dft(padded, padded, 0, complex.rows);
-  return padded;
-}
-
-// The correlation with a template's spectrum, cut to the placements that lie inside the window.
-cv::Mat inverse(cv::Mat product, cv::Size placements) {
-  cv::dft(product, product, cv::DFT_INVERSE | cv::DFT_SCALE);
-  return product(cv::Rect(cv::Point(0, 0), placements));
-}
-
-cv::Mat product_with_conjugate(const cv::Mat& window, const cv::Mat& pattern) {
-  cv::Mat product;
-  cv::mulSpectrums(window, pattern, product, 0, true);
-  return product;
-}
-
-cv::Mat real_complex(const cv::Mat& real) {
-  cv::Mat complex;
-  cv::merge(std::vector<cv::Mat>{real, cv::Mat::zeros(real.size(), CV_32FC1)}, complex);
-  return complex;
-}
-
-cv::Mat unit_mask(const cv::Mat& mask) {
-  cv::Mat unit;
-  mask.convertTo(unit, CV_32F, 1.0 / 255.0);
-  return unit;
-}
-
 cv::Size placements_of(cv::Size window, cv::Size pattern) {
   return {window.width - pattern.width + 1, window.height - pattern.height + 1};
 }
 
-// Subtracts the mean under the mask and clears the rest.
-cv::Mat centred(const cv::Mat& pair, const cv::Mat& mask, bool means_removed) {
-  cv::Mat result = pair - (means_removed ? cv::mean(pair, mask) : cv::Scalar());
-  result.setTo(cv::Scalar::all(0), mask == 0);
+std::size_t size_of(int count) { return static_cast<std::size_t>(count); }
+
+// The channels of a pair less their means under the mask, 0 elsewhere, and the sum of their squares.
+struct CentredPair {
+  ComplexImage image;
+  double energy = 0;
+};
+
+CentredPair centred(const cv::Mat& pair, const cv::Mat& mask, bool means_removed) {
+  const cv::Scalar mean = means_removed ? cv::mean(pair, mask) : cv::Scalar();
+  const auto mean_real = static_cast<float>(mean[0]), mean_imaginary = static_cast<float>(mean[1]);
+  const std::size_t columns = size_of(pair.cols);
+  CentredPair result{ComplexImage(size_of(pair.rows), columns), 0};
+  for (int r = 0; r < pair.rows; ++r) {
+    const auto* values = pair.ptr<float>(r);
+    const auto* valid = mask.ptr<std::uint8_t>(r);
+    float *real = result.image.real(size_of(r)), *imaginary = result.image.imaginary(size_of(r));
+    for (std::size_t c = 0; c < columns; ++c) {
+      real[c] = valid[c] != 0 ? values[2 * c] - mean_real : 0.0F;
+      imaginary[c] = valid[c] != 0 ? values[2 * c + 1] - mean_imaginary : 0.0F;
+    }
+    double energy = 0;
+    for (std::size_t c = 0; c < columns; ++c) {
+      energy += static_cast<double>(real[c]) * static_cast<double>(real[c]) +
+                static_cast<double>(imaginary[c]) * static_cast<double>(imaginary[c]);
+    }
+    result.energy += energy;
+  }
   return result;
+}
+
+ComplexImage unit_mask(const cv::Mat& mask) {
+  ComplexImage unit(size_of(mask.rows), size_of(mask.cols));
+  unit.clear();
+  for (int r = 0; r < mask.rows; ++r) {
+    const auto* valid = mask.ptr<std::uint8_t>(r);
+    for (std::size_t c = 0; c < unit.columns(); ++c) unit.real(size_of(r))[c] = valid[c] != 0 ? 1.0F : 0.0F;
+  }
+  return unit;
+}
+
+ComplexImage cut(const ComplexImage& image, const cv::Rect& part) {
+  ComplexImage result(size_of(part.height), size_of(part.width));
+  for (std::size_t r = 0; r < result.rows(); ++r) {
+    std::copy_n(image.real(size_of(part.y) + r) + part.x, part.width, result.real(r));
+    std::copy_n(image.imaginary(size_of(part.y) + r) + part.x, part.width, result.imaginary(r));
+  }
+  return result;
+}
+
+// to (+)= window · conj(pattern)
+NADIR_FOR_WIDE_REGISTERS void multiply_row(const float* ar, const float* ai, const float* br, const float* bi,
+                                           std::size_t count, bool add, float* __restrict re, float* __restrict im) {
+  if (add) {
+    for (std::size_t i = 0; i < count; ++i) {
+      re[i] += ar[i] * br[i] + ai[i] * bi[i];
+      im[i] += ai[i] * br[i] - ar[i] * bi[i];
+    }
+  } else {
+    for (std::size_t i = 0; i < count; ++i) {
+      re[i] = ar[i] * br[i] + ai[i] * bi[i];
+      im[i] = ai[i] * br[i] - ar[i] * bi[i];
+    }
+  }
+}
+
+void multiply(const ComplexImage& window, const ComplexImage& pattern, bool add, ComplexImage& product) {
+  for (std::size_t r = 0; r < product.rows(); ++r) {
+    multiply_row(window.real(r), window.imaginary(r), pattern.real(r), pattern.imaginary(r), product.columns(), add,
+                 product.real(r), product.imaginary(r));
+  }
+}
+
+// The spectrum S of an image with the real parts of the images that have the spectra A and B as its real and imaginary
+// parts: S(k) = (A(k) + conj A(-k)) / 2 + i (B(k) + conj B(-k)) / 2. `mirror` is the row of the frequency -k.
+NADIR_FOR_WIDE_REGISTERS void join_row(const float* ar, const float* ai, const float* br, const float* bi,
+                                       const float* mar, const float* mai, const float* mbr, const float* mbi,
+                                       std::size_t count, float* __restrict re, float* __restrict im) {
+  re[0] = 0.5F * (ar[0] + mar[0] - bi[0] + mbi[0]);
+  im[0] = 0.5F * (ai[0] - mai[0] + br[0] + mbr[0]);
+  for (std::ptrdiff_t k = 1, m = static_cast<std::ptrdiff_t>(count) - 1; m > 0; ++k, --m) {
+    re[k] = 0.5F * (ar[k] + mar[m] - bi[k] + mbi[m]);
+    im[k] = 0.5F * (ai[k] - mai[m] + br[k] + mbr[m]);
+  }
+}
+
+void join_real_parts(const ComplexImage& one, const ComplexImage& other, ComplexImage& both) {
+  for (std::size_t r = 0; r < both.rows(); ++r) {
+    const std::size_t m = (both.rows() - r) % both.rows();
+    join_row(one.real(r), one.imaginary(r), other.real(r), other.imaginary(r), one.real(m), one.imaginary(m),
+             other.real(m), other.imaginary(m), both.columns(), both.real(r), both.imaginary(r));
+  }
+}
+
+// The length of the transform that does `placements` of a template with the least work.
+std::size_t part_length(int window, int pattern) {
+  if (pattern <= 0) return FourierTransform::fitting_length(size_of(window));
+  const int placements = std::max(1, window - pattern + 1);
+  std::size_t best = 0;
+  double least = 0;
+  for (std::size_t length = FourierTransform::fitting_length(size_of(pattern));;
+       length = FourierTransform::fitting_length(length + 1)) {
+    const double each = static_cast<double>(length) - pattern + 1;
+    const double work =
+        std::ceil(placements / each) * static_cast<double>(length) * std::log2(static_cast<double>(length));
+    if (best == 0 || work < least) {
+      best = length;
+      least = work;
+    }
+    if (length >= size_of(window) || length >= kMaxTransform_px) return best;
+  }
 }
 
 float parabola_offset(float before, float here, float after, double& curvature) {
@@ -78,6 +153,18 @@ Peak refined_peak(const cv::Mat& scores, cv::Point at) {
         parabola_offset(scores.at<float>(at.y - 1, at.x), here, scores.at<float>(at.y + 1, at.x), peak.curvature_y));
   }
   return peak;
+}
+
+NADIR_FOR_WIDE_REGISTERS float largest_of(const float* values, std::size_t count) {
+  constexpr std::size_t kLanes = 16;
+  std::array<float, kLanes> largest;
+  largest.fill(values[0]);
+  std::size_t i = 0;
+  for (; i + kLanes <= count; i += kLanes) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) largest[lane] = std::max(largest[lane], values[i + lane]);
+  }
+  for (; i < count; ++i) largest[0] = std::max(largest[0], values[i]);
+  return *std::max_element(largest.begin(), largest.end());
 }
 
 constexpr double kQuantizedSteps = 256;
@@ -146,79 +233,166 @@ void add_up(const std::int16_t* value, std::size_t columns, std::int32_t* sums, 
 
 }  // namespace
 
-WindowSpectra::WindowSpectra(const Channels& window)
+WindowSpectra::WindowSpectra(const Channels& window, cv::Size pattern)
     : window_size_(window.mask.size()),
-      fft_size_(cv::getOptimalDFTSize(window.mask.cols), cv::getOptimalDFTSize(window.mask.rows)),
-      means_removed_(window.means_removed) {
-  cv::Mat energy = cv::Mat::zeros(window_size_, CV_32FC1);
+      pattern_(pattern),
+      means_removed_(window.means_removed),
+      transform_(part_length(window_size_.height, pattern.height), part_length(window_size_.width, pattern.width)) {
+  std::vector<ComplexImage> images;
+  ComplexImage energy_and_valid(size_of(window_size_.height), size_of(window_size_.width));
+  energy_and_valid.clear();
   for (const cv::Mat& pair : window.pairs) {
-    const cv::Mat centred_pair = centred(pair, window.mask, means_removed_);
-    cv::Mat parts[2];
-    cv::split(centred_pair, parts);
-    energy += parts[0].mul(parts[0]) + parts[1].mul(parts[1]);
-    pairs_.push_back(spectrum_of(centred_pair, fft_size_));
+    images.push_back(centred(pair, window.mask, means_removed_).image);
+    for (std::size_t r = 0; r < energy_and_valid.rows(); ++r) {
+      const float *real = images.back().real(r), *imaginary = images.back().imaginary(r);
+      float* energy = energy_and_valid.real(r);
+      for (std::size_t c = 0; c < energy_and_valid.columns(); ++c) {
+        energy[c] += real[c] * real[c] + imaginary[c] * imaginary[c];
+      }
+    }
   }
-  cv::Mat both;
-  cv::merge(std::vector<cv::Mat>{energy, unit_mask(window.mask)}, both);
-  energy_and_valid_ = spectrum_of(both, fft_size_);
+  for (int r = 0; r < window_size_.height; ++r) {
+    const auto* valid = window.mask.ptr<std::uint8_t>(r);
+    float* out = energy_and_valid.imaginary(size_of(r));
+    for (int c = 0; c < window_size_.width; ++c) out[c] = valid[c] != 0 ? 1.0F : 0.0F;
+  }
+  const cv::Rect whole(cv::Point(), window_size_);
+  const auto columns = static_cast<int>(transform_.columns()), rows = static_cast<int>(transform_.rows());
+  const cv::Rect all(cv::Point(), pattern.empty() ? window_size_ : placements_of(window_size_, pattern));
+  const int across = pattern.empty() ? columns : columns - pattern.width + 1;
+  const int down = pattern.empty() ? rows : rows - pattern.height + 1;
+  for (int y = 0; y < all.height; y += down) {
+    for (int x = 0; x < all.width; x += across) {
+      const cv::Rect shown = cv::Rect(x, y, columns, rows) & whole;
+      Part part{cv::Rect(x, y, across, down) & all, {}, transform_.forward(cut(energy_and_valid, shown))};
+      for (const ComplexImage& image : images) part.pairs.push_back(transform_.forward(cut(image, shown)));
+      parts_.push_back(std::move(part));
+    }
+  }
 }
 
 TemplateNorm::TemplateNorm(const Channels& shape, const WindowSpectra& window, double min_valid)
     : template_size_(shape.mask.size()) {
   const cv::Size placements = placements_of(window.window_size_, template_size_);
   CV_Assert(placements.width > 0 && placements.height > 0);
-  const cv::Mat mask = spectrum_of(real_complex(unit_mask(shape.mask)), window.fft_size_);
-  const cv::Mat sums = inverse(product_with_conjugate(window.energy_and_valid_, mask), placements);
-  cv::Mat means_squared = cv::Mat::zeros(placements, CV_32FC1);
-  for (const cv::Mat& pair : window.pairs_) {
-    if (!window.means_removed_) break;
-    const cv::Mat sum = inverse(product_with_conjugate(pair, mask), placements);
-    for (int r = 0; r < placements.height; ++r) {
-      const auto* from = sum.ptr<cv::Vec2f>(r);
-      auto* to = means_squared.ptr<float>(r);
-      for (int c = 0; c < placements.width; ++c) to[c] += from[c][0] * from[c][0] + from[c][1] * from[c][1];
-    }
-  }
+  CV_Assert(window.pattern_.empty() || window.pattern_ == template_size_);
+  const FourierTransform& transform = window.transform_;
+  const ComplexImage mask = transform.forward(unit_mask(shape.mask));
+  const float scale = 1.0F / static_cast<float>(transform.rows() * transform.columns());
   const auto area = static_cast<float>(std::max(1, cv::countNonZero(shape.mask)));
   const auto needed = static_cast<float>(min_valid) * area;
   inverse_norm_.create(placements, CV_32FC1);
-  for (int r = 0; r < placements.height; ++r) {
-    const auto* energy_valid = sums.ptr<cv::Vec2f>(r);
-    const auto* squared = means_squared.ptr<float>(r);
-    auto* out = inverse_norm_.ptr<float>(r);
-    for (int c = 0; c < placements.width; ++c) {
-      const float valid = energy_valid[c][1];
-      const float variance = energy_valid[c][0] - squared[c] / std::max(valid, 1.0F);
-      // A placement half off the map has little energy: scale it to the whole area, so that it is not favoured.
-      out[c] = valid < needed || variance < static_cast<float>(kMinVariance) * area
-                   ? 0.0F
-                   : std::sqrt(valid / area) / std::sqrt(variance);
+  ComplexImage product(transform.columns(), transform.rows());
+  for (const WindowSpectra::Part& part : window.parts_) {
+    const cv::Rect here = part.placements & cv::Rect(cv::Point(), placements);
+    if (here.empty()) continue;
+    const auto placed = [&](const ComplexImage& spectrum) {
+      multiply(spectrum, mask, false, product);
+      return transform.inverse(product, size_of(here.height), size_of(here.width));
+    };
+    const ComplexImage sums = placed(part.energy_and_valid);
+    cv::Mat means_squared = cv::Mat::zeros(here.size(), CV_32FC1);
+    for (const ComplexImage& pair : part.pairs) {
+      if (!window.means_removed_) break;
+      const ComplexImage sum = placed(pair);
+      for (int r = 0; r < here.height; ++r) {
+        const float *real = sum.real(size_of(r)), *imaginary = sum.imaginary(size_of(r));
+        auto* to = means_squared.ptr<float>(r);
+        for (int c = 0; c < here.width; ++c) {
+          to[c] += (real[c] * scale) * (real[c] * scale) + (imaginary[c] * scale) * (imaginary[c] * scale);
+        }
+      }
+    }
+    for (int r = 0; r < here.height; ++r) {
+      const float *energies = sums.real(size_of(r)), *valids = sums.imaginary(size_of(r));
+      const auto* squared = means_squared.ptr<float>(r);
+      auto* out = inverse_norm_.ptr<float>(here.y + r) + here.x;
+      for (int c = 0; c < here.width; ++c) {
+        const float valid = valids[c] * scale;
+        const float variance = energies[c] * scale - squared[c] / std::max(valid, 1.0F);
+        // A placement half off the map has little energy: scale it to the whole area, so that it is not favoured.
+        out[c] = valid < needed || variance < static_cast<float>(kMinVariance) * area
+                     ? 0.0F
+                     : std::sqrt(valid / area) / std::sqrt(variance);
+      }
     }
   }
 }
 
-cv::Mat correlate(const Channels& pattern, const WindowSpectra& window, const TemplateNorm& norm) {
-  CV_Assert(pattern.mask.size() == norm.template_size_ && pattern.pairs.size() == window.pairs_.size());
-  const cv::Size placements = placements_of(window.window_size_, pattern.mask.size());
-  cv::Mat sum = cv::Mat::zeros(window.fft_size_, CV_32FC2);
-  double energy = 0;
-  for (std::size_t i = 0; i < pattern.pairs.size(); ++i) {
-    const cv::Mat centred_pair = centred(pattern.pairs[i], pattern.mask, window.means_removed_);
-    energy += centred_pair.dot(centred_pair);
-    sum += product_with_conjugate(window.pairs_[i], spectrum_of(centred_pair, window.fft_size_));
-  }
-  const cv::Mat product = inverse(sum, placements);
-  const auto inverse_template_norm = static_cast<float>(energy > kMinTemplateEnergy ? 1.0 / std::sqrt(energy) : 0.0);
-  cv::Mat scores(placements, CV_32FC1);
-  for (int r = 0; r < placements.height; ++r) {
-    const auto* from = product.ptr<cv::Vec2f>(r);
-    const auto* factor = norm.inverse_norm_.ptr<float>(r);
-    auto* to = scores.ptr<float>(r);
-    for (int c = 0; c < placements.width; ++c) {
-      to[c] = factor[c] > 0 ? from[c][0] * factor[c] * inverse_template_norm : -1.0F;
+// One or two templates on their way through the transforms.
+class ScoreSurfaces {
+ public:
+  ScoreSurfaces(std::vector<const Channels*> patterns, const WindowSpectra& window, const TemplateNorm& norm)
+      : window_(window), norm_(norm) {
+    const FourierTransform& transform = window.transform_;
+    for (const Channels* pattern : patterns) {
+      CV_Assert(pattern->mask.size() == norm.template_size_ &&
+                pattern->pairs.size() == window.parts_.front().pairs.size());
+      Spectra spectra;
+      double energy = 0;
+      for (const cv::Mat& pair : pattern->pairs) {
+        const CentredPair image = centred(pair, pattern->mask, window.means_removed_);
+        energy += image.energy;
+        spectra.pairs.push_back(transform.forward(image.image));
+      }
+      const double area = static_cast<double>(transform.rows() * transform.columns());
+      spectra.inverse_norm = static_cast<float>(energy > kMinTemplateEnergy ? 1.0 / (std::sqrt(energy) * area) : 0.0);
+      patterns_.push_back(std::move(spectra));
+      surfaces_.emplace_back(norm.inverse_norm_.size(), CV_32FC1);
     }
   }
-  return scores;
+
+  std::vector<cv::Mat> scores() && {
+    const FourierTransform& transform = window_.transform_;
+    std::vector<ComplexImage> products;
+    for (std::size_t i = 0; i < patterns_.size(); ++i) products.emplace_back(transform.columns(), transform.rows());
+    ComplexImage joint(patterns_.size() == 2 ? transform.columns() : 0, transform.rows());
+    for (const WindowSpectra::Part& part : window_.parts_) {
+      const cv::Rect here = part.placements & cv::Rect(cv::Point(), norm_.inverse_norm_.size());
+      if (here.empty()) continue;
+      for (std::size_t i = 0; i < patterns_.size(); ++i) {
+        for (std::size_t p = 0; p < part.pairs.size(); ++p) {
+          multiply(part.pairs[p], patterns_[i].pairs[p], p > 0, products[i]);
+        }
+      }
+      if (patterns_.size() == 2) join_real_parts(products[0], products[1], joint);
+      const ComplexImage placed =
+          transform.inverse(patterns_.size() == 2 ? joint : products[0], size_of(here.height), size_of(here.width));
+      for (int r = 0; r < here.height; ++r) {
+        write(placed.real(size_of(r)), here, r, 0);
+        if (patterns_.size() == 2) write(placed.imaginary(size_of(r)), here, r, 1);
+      }
+    }
+    return std::move(surfaces_);
+  }
+
+ private:
+  struct Spectra {
+    std::vector<ComplexImage> pairs;
+    float inverse_norm = 0;
+  };
+
+  void write(const float* from, const cv::Rect& here, int row, std::size_t which) {
+    const auto* factor = norm_.inverse_norm_.ptr<float>(here.y + row) + here.x;
+    auto* to = surfaces_[which].ptr<float>(here.y + row) + here.x;
+    const float inverse_norm = patterns_[which].inverse_norm;
+    for (int c = 0; c < here.width; ++c) to[c] = factor[c] > 0 ? from[c] * factor[c] * inverse_norm : -1.0F;
+  }
+
+  const WindowSpectra& window_;
+  const TemplateNorm& norm_;
+  std::vector<Spectra> patterns_;
+  std::vector<cv::Mat> surfaces_;
+};
+
+cv::Mat correlate(const Channels& pattern, const WindowSpectra& window, const TemplateNorm& norm) {
+  return ScoreSurfaces({&pattern}, window, norm).scores().front();
+}
+
+std::array<cv::Mat, 2> correlate(const Channels& one, const Channels& other, const WindowSpectra& window,
+                                 const TemplateNorm& norm) {
+  const std::vector<cv::Mat> both = ScoreSurfaces({&one, &other}, window, norm).scores();
+  return {both[0], both[1]};
 }
 
 Peak best_peak(const cv::Mat& scores) {
@@ -227,16 +401,47 @@ Peak best_peak(const cv::Mat& scores) {
   return refined_peak(scores, at);
 }
 
+namespace {
+
+// The largest values of rows, from which the largest of all is found again after a few rows have changed.
+class RowMaxima {
+ public:
+  explicit RowMaxima(const cv::Mat& scores) : scores_(scores), largest_(size_of(scores.rows)) {
+    update(0, scores.rows);
+  }
+
+  void update(int from, int to) {
+    for (int r = std::max(0, from); r < std::min(scores_.rows, to); ++r) {
+      largest_[size_of(r)] = largest_of(scores_.ptr<float>(r), size_of(scores_.cols));
+    }
+  }
+  // The first of the largest, row by row.
+  cv::Point at() const {
+    const auto row = std::max_element(largest_.begin(), largest_.end()) - largest_.begin();
+    const auto* values = scores_.ptr<float>(static_cast<int>(row));
+    return {
+        static_cast<int>(std::find(values, values + scores_.cols, largest_[static_cast<std::size_t>(row)]) - values),
+        static_cast<int>(row)};
+  }
+
+ private:
+  const cv::Mat& scores_;
+  std::vector<float> largest_;
+};
+
+}  // namespace
+
 std::vector<Peak> distinct_peaks(const cv::Mat& scores, std::size_t count, double min_distance_px) {
   std::vector<Peak> peaks;
   cv::Mat left = scores.clone();
+  RowMaxima maxima(left);
+  const int radius = static_cast<int>(std::ceil(min_distance_px));
   while (peaks.size() < count) {
-    double score = 0;
-    cv::Point at;
-    cv::minMaxLoc(left, nullptr, &score, nullptr, &at);
-    if (score <= 0) break;
+    const cv::Point at = maxima.at();
+    if (left.at<float>(at) <= 0) break;
     peaks.push_back(refined_peak(scores, at));
-    cv::circle(left, at, static_cast<int>(std::ceil(min_distance_px)), cv::Scalar(-1), cv::FILLED);
+    cv::circle(left, at, radius, cv::Scalar(-1), cv::FILLED);
+    maxima.update(at.y - radius - 1, at.y + radius + 2);
   }
   return peaks;
 }

@@ -10,32 +10,42 @@
 // the same on every processor.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 #include <vector>
 
+#include "vision/fourier.hpp"
 #include "vision/oriented_channels.hpp"
 #include "vision/quantized_channels.hpp"
 
 namespace nadir {
 
-// The window's side of the correlation, computed once and used for every heading and scale of the template.
+// The window's side of the correlation, computed once and used for every heading and scale of the template. A window
+// that is much larger than the template is transformed in overlapping parts, each for its share of the placements.
 class WindowSpectra {
  public:
-  explicit WindowSpectra(const Channels& window);
+  // For templates of that size; empty: of any.
+  explicit WindowSpectra(const Channels& window, cv::Size pattern = {});
 
   cv::Size window_size() const { return window_size_; }
 
  private:
   friend class TemplateNorm;
-  friend cv::Mat correlate(const Channels&, const WindowSpectra&, const class TemplateNorm&);
+  friend class ScoreSurfaces;
+
+  struct Part {
+    cv::Rect placements;
+    std::vector<ComplexImage> pairs;  // spectra of the channel pairs, each channel's global mean removed
+    ComplexImage energy_and_valid;    // spectrum of (sum of squares, 1 where valid) as one complex image
+  };
 
   cv::Size window_size_;
-  cv::Size fft_size_;
+  cv::Size pattern_;
   bool means_removed_;
-  std::vector<cv::Mat> pairs_;  // spectra of the channel pairs, each channel's global mean removed
-  cv::Mat energy_and_valid_;    // spectrum of (sum of squares, 1 where valid) as one complex image
+  FourierTransform transform_;
+  std::vector<Part> parts_;
 };
 
 // The denominator for one template mask. It varies slowly with heading and scale, so a sweep may share one; use the
@@ -46,7 +56,7 @@ class TemplateNorm {
   TemplateNorm(const Channels& shape, const WindowSpectra& window, double min_valid = kMinValidShare);
 
  private:
-  friend cv::Mat correlate(const Channels&, const WindowSpectra&, const TemplateNorm&);
+  friend class ScoreSurfaces;
   cv::Size template_size_;
   cv::Mat inverse_norm_;  // 1 / |M(u)|, 0 where the placement does not count
 };
@@ -55,6 +65,10 @@ class TemplateNorm {
 // Size: window − template + 1. Placements that do not count score −1. The template must fit into the window and have
 // the size that `norm` was made for.
 cv::Mat correlate(const Channels& pattern, const WindowSpectra& window, const TemplateNorm& norm);
+// Of two templates, for less than the price of two: the scores of the one are the real part of what is transformed
+// back, those of the other the imaginary part.
+std::array<cv::Mat, 2> correlate(const Channels& one, const Channels& other, const WindowSpectra& window,
+                                 const TemplateNorm& norm);
 
 // A local maximum of a score surface, to a fraction of a pixel (parabola through the neighbours).
 struct Peak {

@@ -109,11 +109,22 @@ NADIR_FOR_WIDE_REGISTERS void mean_of_five_rows(const std::array<const std::uint
 
 // Strength over (local strength + floor), times the cosine of twice the angle to each orientation, squared with its
 // sign: perpendicular orientations share a value, the one has the positive part, the other the negative.
+inline std::int16_t squared_with_sign(float value, float weight) {
+  constexpr float kLimit = kMaxUnsmoothed;
+  const float scaled = value * std::abs(value) * weight;
+  const float limited = scaled < kLimit ? scaled : kLimit;
+  return static_cast<std::int16_t>(static_cast<std::int32_t>(limited > -kLimit ? limited : -kLimit));
+}
+
+// Cosine and sine of twice the angle of the second and the third pair; the first pair's is 0.
+struct TwiceTheAngle {
+  float cos1, sin1, cos2, sin2;
+};
+
 NADIR_FOR_WIDE_REGISTERS void orientations(const std::int16_t* gx, const std::int16_t* gy, const std::uint16_t* local,
-                                           float floor, const std::array<float, 6>& turn, int columns,
-                                           const std::array<std::int16_t*, kPairs>& out) {
-  std::int16_t *first = out[0], *second = out[1], *third = out[2];
-  const float cos1 = turn[2], sin1 = turn[3], cos2 = turn[4], sin2 = turn[5];
+                                           float floor, TwiceTheAngle turn, int columns, std::int16_t* __restrict first,
+                                           std::int16_t* __restrict second, std::int16_t* __restrict third) {
+  const float cos1 = turn.cos1, sin1 = turn.sin1, cos2 = turn.cos2, sin2 = turn.sin2;
   constexpr float kOne = kScale * static_cast<float>(kStrengthSteps) / kGradientSteps;
   for (int c = 0; c < columns; ++c) {
     const auto x = static_cast<float>(gx[c]), y = static_cast<float>(gy[c]);
@@ -121,14 +132,9 @@ NADIR_FOR_WIDE_REGISTERS void orientations(const std::int16_t* gx, const std::in
     const float weight = kOne * std::sqrt(squared) / ((static_cast<float>(local[c]) + floor) * squared * squared);
     const float along = x2 - y2, across = 2 * x * y;
     const float one = along * cos1 + across * sin1, two = along * cos2 + across * sin2;
-    const float limit = kMaxUnsmoothed;
-    const auto stored = [&](float value) {
-      const float scaled = value * std::abs(value) * weight;
-      return static_cast<std::int16_t>(static_cast<std::int32_t>(std::min(std::max(scaled, -limit), limit)));
-    };
-    first[c] = stored(along);
-    second[c] = stored(one);
-    third[c] = stored(two);
+    first[c] = squared_with_sign(along, weight);
+    second[c] = squared_with_sign(one, weight);
+    third[c] = squared_with_sign(two, weight);
   }
 }
 
@@ -188,6 +194,21 @@ NADIR_FOR_WIDE_REGISTERS void interleave(const std::array<const std::int16_t*, 6
     out[3 * i] = both(a[i], b[i]);
     out[3 * i + 1] = both(c[i], d[i]);
     out[3 * i + 2] = both(e[i], f[i]);
+  }
+}
+
+NADIR_FOR_WIDE_REGISTERS void add_rows(const std::int16_t* one, const std::int16_t* other, std::size_t count,
+                                       std::int16_t* sum) {
+  for (std::size_t i = 0; i < count; ++i) sum[i] = static_cast<std::int16_t>(one[i] + other[i]);
+}
+
+// Of neighbouring pixels of a row of sums of two.
+template <std::size_t kChannels>
+void mean_of_four(const std::int16_t* both, std::size_t columns, std::int16_t* mean) {
+  for (std::size_t c = 0; c < columns; ++c, both += 2 * kChannels, mean += kChannels) {
+    for (std::size_t k = 0; k < kChannels; ++k) {
+      mean[k] = static_cast<std::int16_t>((both[k] + both[kChannels + k] + 2) >> 2);
+    }
   }
 }
 
@@ -258,14 +279,10 @@ Plane<std::uint16_t> pooled_strength(Plane<std::uint16_t>& strength, int rows, i
   return once;
 }
 
-std::array<float, 6> turns_of_orientations() {
-  std::array<float, 6> turn{};
-  for (std::size_t p = 0; p < kPairs; ++p) {
-    const double twice = std::numbers::pi * static_cast<double>(p) / kPairs;
-    turn[2 * p] = static_cast<float>(std::cos(twice));
-    turn[2 * p + 1] = static_cast<float>(std::sin(twice));
-  }
-  return turn;
+TwiceTheAngle turn_of_pairs() {
+  constexpr double kApart = std::numbers::pi / kPairs;
+  return {static_cast<float>(std::cos(kApart)), static_cast<float>(std::sin(kApart)),
+          static_cast<float>(std::cos(2 * kApart)), static_cast<float>(std::sin(2 * kApart))};
 }
 
 }  // namespace
@@ -318,17 +335,16 @@ QuantizedChannels QuantizedChannels::halved(cv::Point first) const {
     }
   }
   QuantizedChannels half(mask, channels_, means_removed_);
+  std::vector<std::int16_t> both(2 * static_cast<std::size_t>(columns) * channels_);
   for (int r = 0; r < rows; ++r) {
-    const std::int16_t *above = at(2 * r + first.y, first.x), *below = at(2 * r + 1 + first.y, first.x);
+    add_rows(at(2 * r + first.y, first.x), at(2 * r + 1 + first.y, first.x), both.size(), both.data());
     std::int16_t* out =
         half.values_.get() + static_cast<std::size_t>(r) * static_cast<std::size_t>(columns) * channels_;
+    (channels_ == 6 ? mean_of_four<6> : mean_of_four<2>)(both.data(), static_cast<std::size_t>(columns), out);
+    if (half.whole_) continue;
     const auto* valid = mask.ptr<std::uint8_t>(r);
-    for (int c = 0; c < columns; ++c, above += 2 * channels_, below += 2 * channels_, out += channels_) {
-      const int keep = valid[c] != 0 ? -1 : 0;
-      for (std::size_t k = 0; k < channels_; ++k) {
-        const int sum = above[k] + above[channels_ + k] + below[k] + below[channels_ + k] + 2;
-        out[k] = static_cast<std::int16_t>((sum >> 2) & keep);
-      }
+    for (int c = 0; c < columns; ++c) {
+      if (valid[c] == 0) std::fill_n(out + static_cast<std::size_t>(c) * channels_, channels_, std::int16_t{0});
     }
   }
   return half;
@@ -355,7 +371,7 @@ QuantizedChannels quantized_channels(const cv::Mat& grey, const cv::Mat& mask, C
                                         kStrengthEpsilon * kStrengthSteps);
   Plane<std::uint16_t> local = pooled_strength(gradient.strength, rows, columns);
 
-  const std::array<float, 6> turn = turns_of_orientations();
+  const TwiceTheAngle turn = turn_of_pairs();
   std::vector<Plane<std::int16_t>> planes;
   for (int k = 0; k < 2 * kPairs; ++k) planes.emplace_back(rows, columns);
   std::array<std::int64_t, 2 * kPairs> sums{};
@@ -363,8 +379,8 @@ QuantizedChannels quantized_channels(const cv::Mat& grey, const cv::Mat& mask, C
                                                      std::vector<std::int16_t>(static_cast<std::size_t>(columns)));
   std::vector<PaddedRow<std::int16_t>> parts(2, PaddedRow<std::int16_t>(columns));
   for (int r = 0; r < rows; ++r) {
-    orientations(gradient.x.row(r), gradient.y.row(r), local.row(r), floor, turn, columns,
-                 {signed_rows[0].data(), signed_rows[1].data(), signed_rows[2].data()});
+    orientations(gradient.x.row(r), gradient.y.row(r), local.row(r), floor, turn, columns, signed_rows[0].data(),
+                 signed_rows[1].data(), signed_rows[2].data());
     for (std::size_t p = 0; p < kPairs; ++p) {
       std::int16_t* both = signed_rows[p].data();
       // Else the border of the valid area is smoothed inwards.
