@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
@@ -91,25 +92,14 @@ void multiply(const ComplexImage& window, const ComplexImage& pattern, bool add,
   }
 }
 
-// The spectrum S of an image with the real parts of the images that have the spectra A and B as its real and imaginary
-// parts: S(k) = (A(k) + conj A(-k)) / 2 + i (B(k) + conj B(-k)) / 2. `mirror` is the row of the frequency -k.
-NADIR_FOR_WIDE_REGISTERS void join_row(const float* ar, const float* ai, const float* br, const float* bi,
-                                       const float* mar, const float* mai, const float* mbr, const float* mbi,
-                                       std::size_t count, float* __restrict re, float* __restrict im) {
-  re[0] = 0.5F * (ar[0] + mar[0] - bi[0] + mbi[0]);
-  im[0] = 0.5F * (ai[0] - mai[0] + br[0] + mbr[0]);
-  for (std::ptrdiff_t k = 1, m = static_cast<std::ptrdiff_t>(count) - 1; m > 0; ++k, --m) {
-    re[k] = 0.5F * (ar[k] + mar[m] - bi[k] + mbi[m]);
-    im[k] = 0.5F * (ai[k] - mai[m] + br[k] + mbr[m]);
+// One channel of a pair as an image.
+ComplexImage channel_of(const ComplexImage& pair, int channel) {
+  ComplexImage result(pair.rows(), pair.columns());
+  result.clear();
+  for (std::size_t r = 0; r < pair.rows(); ++r) {
+    std::copy_n(channel == 0 ? pair.real(r) : pair.imaginary(r), pair.columns(), result.real(r));
   }
-}
-
-void join_real_parts(const ComplexImage& one, const ComplexImage& other, ComplexImage& both) {
-  for (std::size_t r = 0; r < both.rows(); ++r) {
-    const std::size_t m = (both.rows() - r) % both.rows();
-    join_row(one.real(r), one.imaginary(r), other.real(r), other.imaginary(r), one.real(m), one.imaginary(m),
-             other.real(m), other.imaginary(m), both.columns(), both.real(r), both.imaginary(r));
-  }
+  return result;
 }
 
 // The length of the transform that does `placements` of a template with the least work.
@@ -265,7 +255,11 @@ WindowSpectra::WindowSpectra(const Channels& window, cv::Size pattern)
     for (int x = 0; x < all.width; x += across) {
       const cv::Rect shown = cv::Rect(x, y, columns, rows) & whole;
       Part part{cv::Rect(x, y, across, down) & all, {}, transform_.forward(cut(energy_and_valid, shown))};
-      for (const ComplexImage& image : images) part.pairs.push_back(transform_.forward(cut(image, shown)));
+      for (const ComplexImage& image : images) {
+        for (const int channel : {0, 1}) {
+          part.channels.push_back(transform_.forward(channel_of(cut(image, shown), channel)));
+        }
+      }
       parts_.push_back(std::move(part));
     }
   }
@@ -292,15 +286,13 @@ TemplateNorm::TemplateNorm(const Channels& shape, const WindowSpectra& window, d
     };
     const ComplexImage sums = placed(part.energy_and_valid);
     cv::Mat means_squared = cv::Mat::zeros(here.size(), CV_32FC1);
-    for (const ComplexImage& pair : part.pairs) {
+    for (const ComplexImage& channel : part.channels) {
       if (!window.means_removed_) break;
-      const ComplexImage sum = placed(pair);
+      const ComplexImage sum = placed(channel);
       for (int r = 0; r < here.height; ++r) {
-        const float *real = sum.real(size_of(r)), *imaginary = sum.imaginary(size_of(r));
+        const float* real = sum.real(size_of(r));
         auto* to = means_squared.ptr<float>(r);
-        for (int c = 0; c < here.width; ++c) {
-          to[c] += (real[c] * scale) * (real[c] * scale) + (imaginary[c] * scale) * (imaginary[c] * scale);
-        }
+        for (int c = 0; c < here.width; ++c) to[c] += (real[c] * scale) * (real[c] * scale);
       }
     }
     for (int r = 0; r < here.height; ++r) {
@@ -319,79 +311,78 @@ TemplateNorm::TemplateNorm(const Channels& shape, const WindowSpectra& window, d
   }
 }
 
-// One or two templates on their way through the transforms.
+// The scores of one or two templates. With W the spectrum of a real channel of the window, and a and b that channel of
+// both templates, the inverse transform of W · conj(spectrum of a - ib) is (their product with a) + i (that with b).
 class ScoreSurfaces {
  public:
-  ScoreSurfaces(std::vector<const Channels*> patterns, const WindowSpectra& window, const TemplateNorm& norm)
-      : window_(window), norm_(norm) {
+  ScoreSurfaces(const Channels& one, const Channels* other, const WindowSpectra& window, const TemplateNorm& norm)
+      : window_(window), norm_(norm), surfaces_(other == nullptr ? 1 : 2), inverse_norms_(surfaces_.size()) {
     const FourierTransform& transform = window.transform_;
-    for (const Channels* pattern : patterns) {
-      CV_Assert(pattern->mask.size() == norm.template_size_ &&
-                pattern->pairs.size() == window.parts_.front().pairs.size());
-      Spectra spectra;
-      double energy = 0;
-      for (const cv::Mat& pair : pattern->pairs) {
-        const CentredPair image = centred(pair, pattern->mask, window.means_removed_);
-        energy += image.energy;
-        spectra.pairs.push_back(transform.forward(image.image));
+    std::array<double, 2> energies{};
+    for (std::size_t p = 0; p < one.pairs.size(); ++p) {
+      std::vector<CentredPair> both;
+      for (const Channels* pattern : {&one, other}) {
+        if (pattern == nullptr) continue;
+        CV_Assert(pattern->mask.size() == norm.template_size_);
+        CV_Assert(2 * pattern->pairs.size() == window.parts_.front().channels.size());
+        both.push_back(centred(pattern->pairs[p], pattern->mask, window.means_removed_));
+        energies[both.size() - 1] += both.back().energy;
       }
-      const double area = static_cast<double>(transform.rows() * transform.columns());
-      spectra.inverse_norm = static_cast<float>(energy > kMinTemplateEnergy ? 1.0 / (std::sqrt(energy) * area) : 0.0);
-      patterns_.push_back(std::move(spectra));
-      surfaces_.emplace_back(norm.inverse_norm_.size(), CV_32FC1);
+      for (const int channel : {0, 1}) {
+        ComplexImage image = channel_of(both[0].image, channel);
+        for (std::size_t r = 0; other != nullptr && r < image.rows(); ++r) {
+          const float* from = channel == 0 ? both[1].image.real(r) : both[1].image.imaginary(r);
+          std::transform(from, from + image.columns(), image.imaginary(r), std::negate<>());
+        }
+        channels_.push_back(transform.forward(image));
+      }
+    }
+    const double area = static_cast<double>(transform.rows() * transform.columns());
+    for (std::size_t i = 0; i < surfaces_.size(); ++i) {
+      surfaces_[i].create(norm.inverse_norm_.size(), CV_32FC1);
+      inverse_norms_[i] =
+          static_cast<float>(energies[i] > kMinTemplateEnergy ? 1.0 / (std::sqrt(energies[i]) * area) : 0.0);
     }
   }
 
   std::vector<cv::Mat> scores() && {
     const FourierTransform& transform = window_.transform_;
-    std::vector<ComplexImage> products;
-    for (std::size_t i = 0; i < patterns_.size(); ++i) products.emplace_back(transform.columns(), transform.rows());
-    ComplexImage joint(patterns_.size() == 2 ? transform.columns() : 0, transform.rows());
+    ComplexImage product(transform.columns(), transform.rows());
     for (const WindowSpectra::Part& part : window_.parts_) {
       const cv::Rect here = part.placements & cv::Rect(cv::Point(), norm_.inverse_norm_.size());
       if (here.empty()) continue;
-      for (std::size_t i = 0; i < patterns_.size(); ++i) {
-        for (std::size_t p = 0; p < part.pairs.size(); ++p) {
-          multiply(part.pairs[p], patterns_[i].pairs[p], p > 0, products[i]);
-        }
-      }
-      if (patterns_.size() == 2) join_real_parts(products[0], products[1], joint);
-      const ComplexImage placed =
-          transform.inverse(patterns_.size() == 2 ? joint : products[0], size_of(here.height), size_of(here.width));
+      for (std::size_t k = 0; k < channels_.size(); ++k) multiply(part.channels[k], channels_[k], k > 0, product);
+      const ComplexImage placed = transform.inverse(product, size_of(here.height), size_of(here.width));
       for (int r = 0; r < here.height; ++r) {
         write(placed.real(size_of(r)), here, r, 0);
-        if (patterns_.size() == 2) write(placed.imaginary(size_of(r)), here, r, 1);
+        if (surfaces_.size() == 2) write(placed.imaginary(size_of(r)), here, r, 1);
       }
     }
     return std::move(surfaces_);
   }
 
  private:
-  struct Spectra {
-    std::vector<ComplexImage> pairs;
-    float inverse_norm = 0;
-  };
-
   void write(const float* from, const cv::Rect& here, int row, std::size_t which) {
     const auto* factor = norm_.inverse_norm_.ptr<float>(here.y + row) + here.x;
     auto* to = surfaces_[which].ptr<float>(here.y + row) + here.x;
-    const float inverse_norm = patterns_[which].inverse_norm;
+    const float inverse_norm = inverse_norms_[which];
     for (int c = 0; c < here.width; ++c) to[c] = factor[c] > 0 ? from[c] * factor[c] * inverse_norm : -1.0F;
   }
 
   const WindowSpectra& window_;
   const TemplateNorm& norm_;
-  std::vector<Spectra> patterns_;
+  std::vector<ComplexImage> channels_;  // spectra of the templates' channels
   std::vector<cv::Mat> surfaces_;
+  std::vector<float> inverse_norms_;
 };
 
 cv::Mat correlate(const Channels& pattern, const WindowSpectra& window, const TemplateNorm& norm) {
-  return ScoreSurfaces({&pattern}, window, norm).scores().front();
+  return ScoreSurfaces(pattern, nullptr, window, norm).scores().front();
 }
 
 std::array<cv::Mat, 2> correlate(const Channels& one, const Channels& other, const WindowSpectra& window,
                                  const TemplateNorm& norm) {
-  const std::vector<cv::Mat> both = ScoreSurfaces({&one, &other}, window, norm).scores();
+  const std::vector<cv::Mat> both = ScoreSurfaces(one, &other, window, norm).scores();
   return {both[0], both[1]};
 }
 

@@ -37,8 +37,8 @@ class WindowSpectra {
 
   struct Part {
     cv::Rect placements;
-    std::vector<ComplexImage> pairs;  // spectra of the channel pairs, each channel's global mean removed
-    ComplexImage energy_and_valid;    // spectrum of (sum of squares, 1 where valid) as one complex image
+    std::vector<ComplexImage> channels;  // their spectra, each channel's global mean removed
+    ComplexImage energy_and_valid;       // spectrum of (sum of squares, 1 where valid) as one complex image
   };
 
   cv::Size window_size_;

@@ -120,18 +120,26 @@ class Scratch {
 };
 
 // A block of sixteen columns, and of an image's rows that many wide pieces.
+void copy_piece(const float* from, std::size_t width, float* to) {
+  if (width == kBlock) {
+    std::memcpy(to, from, kBlock * sizeof(float));  // of a known size: no call
+  } else {
+    std::copy_n(from, width, to);
+  }
+}
+
 void load_columns(const float* from, std::size_t stride, std::size_t rows, std::size_t width, std::size_t length,
                   float* block) {
   for (std::size_t r = 0; r < rows; ++r) {
     float* row = block + r * kBlock;
-    std::copy_n(from + r * stride, width, row);
+    copy_piece(from + r * stride, width, row);
     std::fill(row + width, row + kBlock, 0.0F);
   }
   std::fill(block + rows * kBlock, block + length * kBlock, 0.0F);
 }
 
 void store_columns(const float* block, std::size_t rows, std::size_t width, std::size_t stride, float* to) {
-  for (std::size_t r = 0; r < rows; ++r) std::copy_n(block + r * kBlock, width, to + r * stride);
+  for (std::size_t r = 0; r < rows; ++r) copy_piece(block + r * kBlock, width, to + r * stride);
 }
 
 using FourFloats [[gnu::vector_size(16), gnu::aligned(4), gnu::may_alias]] = float;
