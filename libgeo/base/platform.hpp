@@ -1,8 +1,9 @@
 // What we ask of the operating system, the C library and the processor.
 #pragma once
 
-// Integer loops that gain from wide registers are compiled twice, for AVX2 and for the baseline; the loader picks what
-// the processor has. Not for floating point: results could then differ between machines.
+// Loops that gain from wide registers are compiled twice, for AVX2 and for the baseline; the loader picks what the
+// processor has. For integers, and for floating point only where each result comes from one lane: sums over lanes would
+// differ between machines.
 #if defined(__x86_64__) && defined(__linux__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && \
     !defined(__clang__)
 #define NADIR_FOR_WIDE_REGISTERS __attribute__((target_clones("avx2", "default")))

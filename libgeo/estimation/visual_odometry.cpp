@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "geodesy/angles.hpp"
+#include "vision/feature_descriptors.hpp"
 #include "vision/feature_matching.hpp"
 
 namespace nadir {
@@ -111,9 +112,8 @@ struct FrameFeatures {
 
 FrameFeatures features_of(const OdometryFrame& frame, cv::Feature2D& detector) {
   FrameFeatures features{at_working_size(frame), {}, {}};
-  cv::Mat descriptors;
-  detector.detectAndCompute(features.frame.grey, cv::noArray(), features.points, descriptors);
-  features.descriptors = FeatureDescriptors(descriptors);
+  detector.detect(features.frame.grey, features.points);
+  features.descriptors = FeatureDescriptors(describe_features(features.frame.grey, features.points));
   features.frame.grey.release();
   return features;
 }

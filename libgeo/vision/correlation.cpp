@@ -3,55 +3,122 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
+#include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
 #include "base/platform.hpp"
+#include "vision/integer_products.hpp"
 
 namespace nadir {
 namespace {
-
-cv::Mat spectrum_of(const cv::Mat& complex, cv::Size fft_size) {
-  cv::Mat padded = cv::Mat::zeros(fft_size, CV_32FC2);
-  complex.copyTo(padded(cv::Rect(0, 0, complex.cols, complex.rows)));
-  cv::dft(padded, padded, 0, complex.rows);
-  return padded;
-}
-
-// The correlation with a template's spectrum, cut to the placements that lie inside the window.
-cv::Mat inverse(cv::Mat product, cv::Size placements) {
-  cv::dft(product, product, cv::DFT_INVERSE | cv::DFT_SCALE);
-  return product(cv::Rect(cv::Point(0, 0), placements));
-}
-
-cv::Mat product_with_conjugate(const cv::Mat& window, const cv::Mat& pattern) {
-  cv::Mat product;
-  cv::mulSpectrums(window, pattern, product, 0, true);
-  return product;
-}
-
-cv::Mat real_complex(const cv::Mat& real) {
-  cv::Mat complex;
-  cv::merge(std::vector<cv::Mat>{real, cv::Mat::zeros(real.size(), CV_32FC1)}, complex);
-  return complex;
-}
-
-cv::Mat unit_mask(const cv::Mat& mask) {
-  cv::Mat unit;
-  mask.convertTo(unit, CV_32F, 1.0 / 255.0);
-  return unit;
-}
 
 cv::Size placements_of(cv::Size window, cv::Size pattern) {
   return {window.width - pattern.width + 1, window.height - pattern.height + 1};
 }
 
-// Subtracts the mean under the mask and clears the rest.
-cv::Mat centred(const cv::Mat& pair, const cv::Mat& mask, bool means_removed) {
-  cv::Mat result = pair - (means_removed ? cv::mean(pair, mask) : cv::Scalar());
-  result.setTo(cv::Scalar::all(0), mask == 0);
+std::size_t size_of(int count) { return static_cast<std::size_t>(count); }
+
+// The channels of a pair less their means under the mask, 0 elsewhere, and the sum of their squares.
+struct CentredPair {
+  ComplexImage image;
+  double energy = 0;
+};
+
+CentredPair centred(const cv::Mat& pair, const cv::Mat& mask, bool means_removed) {
+  const cv::Scalar mean = means_removed ? cv::mean(pair, mask) : cv::Scalar();
+  const auto mean_real = static_cast<float>(mean[0]), mean_imaginary = static_cast<float>(mean[1]);
+  const std::size_t columns = size_of(pair.cols);
+  CentredPair result{ComplexImage(size_of(pair.rows), columns), 0};
+  for (int r = 0; r < pair.rows; ++r) {
+    const auto* values = pair.ptr<float>(r);
+    const auto* valid = mask.ptr<std::uint8_t>(r);
+    float *real = result.image.real(size_of(r)), *imaginary = result.image.imaginary(size_of(r));
+    for (std::size_t c = 0; c < columns; ++c) {
+      real[c] = valid[c] != 0 ? values[2 * c] - mean_real : 0.0F;
+      imaginary[c] = valid[c] != 0 ? values[2 * c + 1] - mean_imaginary : 0.0F;
+    }
+    double energy = 0;
+    for (std::size_t c = 0; c < columns; ++c) {
+      energy += static_cast<double>(real[c]) * static_cast<double>(real[c]) +
+                static_cast<double>(imaginary[c]) * static_cast<double>(imaginary[c]);
+    }
+    result.energy += energy;
+  }
   return result;
+}
+
+ComplexImage unit_mask(const cv::Mat& mask) {
+  ComplexImage unit(size_of(mask.rows), size_of(mask.cols));
+  unit.clear();
+  for (int r = 0; r < mask.rows; ++r) {
+    const auto* valid = mask.ptr<std::uint8_t>(r);
+    for (std::size_t c = 0; c < unit.columns(); ++c) unit.real(size_of(r))[c] = valid[c] != 0 ? 1.0F : 0.0F;
+  }
+  return unit;
+}
+
+ComplexImage cut(const ComplexImage& image, const cv::Rect& part) {
+  ComplexImage result(size_of(part.height), size_of(part.width));
+  for (std::size_t r = 0; r < result.rows(); ++r) {
+    std::copy_n(image.real(size_of(part.y) + r) + part.x, part.width, result.real(r));
+    std::copy_n(image.imaginary(size_of(part.y) + r) + part.x, part.width, result.imaginary(r));
+  }
+  return result;
+}
+
+// to (+)= window · conj(pattern)
+NADIR_FOR_WIDE_REGISTERS void multiply_row(const float* ar, const float* ai, const float* br, const float* bi,
+                                           std::size_t count, bool add, float* __restrict re, float* __restrict im) {
+  if (add) {
+    for (std::size_t i = 0; i < count; ++i) {
+      re[i] += ar[i] * br[i] + ai[i] * bi[i];
+      im[i] += ai[i] * br[i] - ar[i] * bi[i];
+    }
+  } else {
+    for (std::size_t i = 0; i < count; ++i) {
+      re[i] = ar[i] * br[i] + ai[i] * bi[i];
+      im[i] = ai[i] * br[i] - ar[i] * bi[i];
+    }
+  }
+}
+
+void multiply(const ComplexImage& window, const ComplexImage& pattern, bool add, ComplexImage& product) {
+  for (std::size_t r = 0; r < product.rows(); ++r) {
+    multiply_row(window.real(r), window.imaginary(r), pattern.real(r), pattern.imaginary(r), product.columns(), add,
+                 product.real(r), product.imaginary(r));
+  }
+}
+
+// One channel of a pair as an image.
+ComplexImage channel_of(const ComplexImage& pair, int channel) {
+  ComplexImage result(pair.rows(), pair.columns());
+  result.clear();
+  for (std::size_t r = 0; r < pair.rows(); ++r) {
+    std::copy_n(channel == 0 ? pair.real(r) : pair.imaginary(r), pair.columns(), result.real(r));
+  }
+  return result;
+}
+
+// The length of the transform that does `placements` of a template with the least work.
+std::size_t part_length(int window, int pattern) {
+  if (pattern <= 0) return FourierTransform::fitting_length(size_of(window));
+  const int placements = std::max(1, window - pattern + 1);
+  std::size_t best = 0;
+  double least = 0;
+  for (std::size_t length = FourierTransform::fitting_length(size_of(pattern));;
+       length = FourierTransform::fitting_length(length + 1)) {
+    const double each = static_cast<double>(length) - pattern + 1;
+    const double work =
+        std::ceil(placements / each) * static_cast<double>(length) * std::log2(static_cast<double>(length));
+    if (best == 0 || work < least) {
+      best = length;
+      least = work;
+    }
+    if (length >= size_of(window) || length >= kMaxTransform_px) return best;
+  }
 }
 
 float parabola_offset(float before, float here, float after, double& curvature) {
@@ -78,20 +145,20 @@ Peak refined_peak(const cv::Mat& scores, cv::Point at) {
   return peak;
 }
 
-constexpr float kScale = 256;
-constexpr std::int32_t kMaxQuantized = 511;
-constexpr int kMaxRun = 1300;  // pixels of six channels whose products fit into 32 bits: 6 · 1300 · 511² < 2³¹
-
-// products[i] += Σ pattern[k] · window[i · step + k]
-NADIR_FOR_WIDE_REGISTERS void add_products(const std::int16_t* pattern, const std::int16_t* window, std::size_t length,
-                                           std::size_t step, std::size_t count, std::int64_t* products) {
-  for (std::size_t i = 0; i < count; ++i) {
-    const std::int16_t* at = window + i * step;
-    std::int32_t sum = 0;
-    for (std::size_t k = 0; k < length; ++k) sum += pattern[k] * at[k];
-    products[i] += sum;
+NADIR_FOR_WIDE_REGISTERS float largest_of(const float* values, std::size_t count) {
+  constexpr std::size_t kLanes = 16;
+  std::array<float, kLanes> largest;
+  largest.fill(values[0]);
+  std::size_t i = 0;
+  for (; i + kLanes <= count; i += kLanes) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) largest[lane] = std::max(largest[lane], values[i + lane]);
   }
+  for (; i < count; ++i) largest[0] = std::max(largest[0], values[i]);
+  return *std::max_element(largest.begin(), largest.end());
 }
+
+constexpr double kQuantizedSteps = 256;
+constexpr int kMaxRows = 8000;  // squares up to 511² of so many fit into 32 bits
 
 // sums[i · group + k] += end[i · step · group + k] - begin[…]
 template <typename Whole>
@@ -108,12 +175,32 @@ void add_differences(const Whole* end, const Whole* begin, std::size_t group, st
   }
 }
 
-// A row of a pair of channels in integer steps, less the mean at each position.
-void quantize(const float* values, const float* mean, std::size_t count, std::int16_t* whole) {
+// Sums of a run of pixels: of each channel, and of the squares of all.
+template <std::size_t kChannels>
+void sum_of_run(const std::int16_t* value, std::size_t columns, double* sums, std::int64_t& squares) {
+  std::array<std::int64_t, kChannels> sum{};
+  for (std::size_t c = 0; c < columns; ++c, value += kChannels) {
+    for (std::size_t k = 0; k < kChannels; ++k) {
+      sum[k] += value[k];
+      squares += value[k] * value[k];
+    }
+  }
+  for (std::size_t k = 0; k < kChannels; ++k) sums[k] += static_cast<double>(sum[k]);
+}
+
+NADIR_FOR_WIDE_REGISTERS void add_values(const std::int16_t* values, std::size_t count, std::int32_t* sums,
+                                         std::int32_t* squares) {
   for (std::size_t i = 0; i < count; ++i) {
-    const float scaled = values[i] * kScale - mean[i];
-    const auto rounded = static_cast<std::int32_t>(scaled + std::copysign(0.5F, scaled));
-    whole[i] = static_cast<std::int16_t>(std::min(std::max(rounded, -kMaxQuantized), kMaxQuantized));
+    sums[i] += values[i];
+    squares[i] += values[i] * values[i];
+  }
+}
+
+NADIR_FOR_WIDE_REGISTERS void exchange_values(const std::int16_t* more, const std::int16_t* less, std::size_t count,
+                                              std::int32_t* sums, std::int32_t* squares) {
+  for (std::size_t i = 0; i < count; ++i) {
+    sums[i] += more[i] - less[i];
+    squares[i] += more[i] * more[i] - less[i] * less[i];
   }
 }
 
@@ -136,79 +223,167 @@ void add_up(const std::int16_t* value, std::size_t columns, std::int32_t* sums, 
 
 }  // namespace
 
-WindowSpectra::WindowSpectra(const Channels& window)
+WindowSpectra::WindowSpectra(const Channels& window, cv::Size pattern)
     : window_size_(window.mask.size()),
-      fft_size_(cv::getOptimalDFTSize(window.mask.cols), cv::getOptimalDFTSize(window.mask.rows)),
-      means_removed_(window.means_removed) {
-  cv::Mat energy = cv::Mat::zeros(window_size_, CV_32FC1);
+      pattern_(pattern),
+      means_removed_(window.means_removed),
+      transform_(part_length(window_size_.height, pattern.height), part_length(window_size_.width, pattern.width)) {
+  std::vector<ComplexImage> images;
+  ComplexImage energy_and_valid(size_of(window_size_.height), size_of(window_size_.width));
+  energy_and_valid.clear();
   for (const cv::Mat& pair : window.pairs) {
-    const cv::Mat centred_pair = centred(pair, window.mask, means_removed_);
-    cv::Mat parts[2];
-    cv::split(centred_pair, parts);
-    energy += parts[0].mul(parts[0]) + parts[1].mul(parts[1]);
-    pairs_.push_back(spectrum_of(centred_pair, fft_size_));
+    images.push_back(centred(pair, window.mask, means_removed_).image);
+    for (std::size_t r = 0; r < energy_and_valid.rows(); ++r) {
+      const float *real = images.back().real(r), *imaginary = images.back().imaginary(r);
+      float* energy = energy_and_valid.real(r);
+      for (std::size_t c = 0; c < energy_and_valid.columns(); ++c) {
+        energy[c] += real[c] * real[c] + imaginary[c] * imaginary[c];
+      }
+    }
   }
-  cv::Mat both;
-  cv::merge(std::vector<cv::Mat>{energy, unit_mask(window.mask)}, both);
-  energy_and_valid_ = spectrum_of(both, fft_size_);
+  for (int r = 0; r < window_size_.height; ++r) {
+    const auto* valid = window.mask.ptr<std::uint8_t>(r);
+    float* out = energy_and_valid.imaginary(size_of(r));
+    for (int c = 0; c < window_size_.width; ++c) out[c] = valid[c] != 0 ? 1.0F : 0.0F;
+  }
+  const cv::Rect whole(cv::Point(), window_size_);
+  const auto columns = static_cast<int>(transform_.columns()), rows = static_cast<int>(transform_.rows());
+  const cv::Rect all(cv::Point(), pattern.empty() ? window_size_ : placements_of(window_size_, pattern));
+  const int across = pattern.empty() ? columns : columns - pattern.width + 1;
+  const int down = pattern.empty() ? rows : rows - pattern.height + 1;
+  for (int y = 0; y < all.height; y += down) {
+    for (int x = 0; x < all.width; x += across) {
+      const cv::Rect shown = cv::Rect(x, y, columns, rows) & whole;
+      Part part{cv::Rect(x, y, across, down) & all, {}, transform_.forward(cut(energy_and_valid, shown))};
+      for (const ComplexImage& image : images) {
+        for (const int channel : {0, 1}) {
+          part.channels.push_back(transform_.forward(channel_of(cut(image, shown), channel)));
+        }
+      }
+      parts_.push_back(std::move(part));
+    }
+  }
 }
 
 TemplateNorm::TemplateNorm(const Channels& shape, const WindowSpectra& window, double min_valid)
     : template_size_(shape.mask.size()) {
   const cv::Size placements = placements_of(window.window_size_, template_size_);
   CV_Assert(placements.width > 0 && placements.height > 0);
-  const cv::Mat mask = spectrum_of(real_complex(unit_mask(shape.mask)), window.fft_size_);
-  const cv::Mat sums = inverse(product_with_conjugate(window.energy_and_valid_, mask), placements);
-  cv::Mat means_squared = cv::Mat::zeros(placements, CV_32FC1);
-  for (const cv::Mat& pair : window.pairs_) {
-    if (!window.means_removed_) break;
-    const cv::Mat sum = inverse(product_with_conjugate(pair, mask), placements);
-    for (int r = 0; r < placements.height; ++r) {
-      const auto* from = sum.ptr<cv::Vec2f>(r);
-      auto* to = means_squared.ptr<float>(r);
-      for (int c = 0; c < placements.width; ++c) to[c] += from[c][0] * from[c][0] + from[c][1] * from[c][1];
-    }
-  }
+  CV_Assert(window.pattern_.empty() || window.pattern_ == template_size_);
+  const FourierTransform& transform = window.transform_;
+  const ComplexImage mask = transform.forward(unit_mask(shape.mask));
+  const float scale = 1.0F / static_cast<float>(transform.rows() * transform.columns());
   const auto area = static_cast<float>(std::max(1, cv::countNonZero(shape.mask)));
   const auto needed = static_cast<float>(min_valid) * area;
   inverse_norm_.create(placements, CV_32FC1);
-  for (int r = 0; r < placements.height; ++r) {
-    const auto* energy_valid = sums.ptr<cv::Vec2f>(r);
-    const auto* squared = means_squared.ptr<float>(r);
-    auto* out = inverse_norm_.ptr<float>(r);
-    for (int c = 0; c < placements.width; ++c) {
-      const float valid = energy_valid[c][1];
-      const float variance = energy_valid[c][0] - squared[c] / std::max(valid, 1.0F);
-      // A placement half off the map has little energy: scale it to the whole area, so that it is not favoured.
-      out[c] = valid < needed || variance < static_cast<float>(kMinVariance) * area
-                   ? 0.0F
-                   : std::sqrt(valid / area) / std::sqrt(variance);
+  ComplexImage product(transform.columns(), transform.rows());
+  for (const WindowSpectra::Part& part : window.parts_) {
+    const cv::Rect here = part.placements & cv::Rect(cv::Point(), placements);
+    if (here.empty()) continue;
+    const auto placed = [&](const ComplexImage& spectrum) {
+      multiply(spectrum, mask, false, product);
+      return transform.inverse(product, size_of(here.height), size_of(here.width));
+    };
+    const ComplexImage sums = placed(part.energy_and_valid);
+    cv::Mat means_squared = cv::Mat::zeros(here.size(), CV_32FC1);
+    for (const ComplexImage& channel : part.channels) {
+      if (!window.means_removed_) break;
+      const ComplexImage sum = placed(channel);
+      for (int r = 0; r < here.height; ++r) {
+        const float* real = sum.real(size_of(r));
+        auto* to = means_squared.ptr<float>(r);
+        for (int c = 0; c < here.width; ++c) to[c] += (real[c] * scale) * (real[c] * scale);
+      }
+    }
+    for (int r = 0; r < here.height; ++r) {
+      const float *energies = sums.real(size_of(r)), *valids = sums.imaginary(size_of(r));
+      const auto* squared = means_squared.ptr<float>(r);
+      auto* out = inverse_norm_.ptr<float>(here.y + r) + here.x;
+      for (int c = 0; c < here.width; ++c) {
+        const float valid = valids[c] * scale;
+        const float variance = energies[c] * scale - squared[c] / std::max(valid, 1.0F);
+        // A placement half off the map has little energy: scale it to the whole area, so that it is not favoured.
+        out[c] = valid < needed || variance < static_cast<float>(kMinVariance) * area
+                     ? 0.0F
+                     : std::sqrt(valid / area) / std::sqrt(variance);
+      }
     }
   }
 }
 
-cv::Mat correlate(const Channels& pattern, const WindowSpectra& window, const TemplateNorm& norm) {
-  CV_Assert(pattern.mask.size() == norm.template_size_ && pattern.pairs.size() == window.pairs_.size());
-  const cv::Size placements = placements_of(window.window_size_, pattern.mask.size());
-  cv::Mat sum = cv::Mat::zeros(window.fft_size_, CV_32FC2);
-  double energy = 0;
-  for (std::size_t i = 0; i < pattern.pairs.size(); ++i) {
-    const cv::Mat centred_pair = centred(pattern.pairs[i], pattern.mask, window.means_removed_);
-    energy += centred_pair.dot(centred_pair);
-    sum += product_with_conjugate(window.pairs_[i], spectrum_of(centred_pair, window.fft_size_));
-  }
-  const cv::Mat product = inverse(sum, placements);
-  const auto inverse_template_norm = static_cast<float>(energy > kMinTemplateEnergy ? 1.0 / std::sqrt(energy) : 0.0);
-  cv::Mat scores(placements, CV_32FC1);
-  for (int r = 0; r < placements.height; ++r) {
-    const auto* from = product.ptr<cv::Vec2f>(r);
-    const auto* factor = norm.inverse_norm_.ptr<float>(r);
-    auto* to = scores.ptr<float>(r);
-    for (int c = 0; c < placements.width; ++c) {
-      to[c] = factor[c] > 0 ? from[c][0] * factor[c] * inverse_template_norm : -1.0F;
+// The scores of one or two templates. With W the spectrum of a real channel of the window, and a and b that channel of
+// both templates, the inverse transform of W · conj(spectrum of a - ib) is (their product with a) + i (that with b).
+class ScoreSurfaces {
+ public:
+  ScoreSurfaces(const Channels& one, const Channels* other, const WindowSpectra& window, const TemplateNorm& norm)
+      : window_(window), norm_(norm), surfaces_(other == nullptr ? 1 : 2), inverse_norms_(surfaces_.size()) {
+    const FourierTransform& transform = window.transform_;
+    std::array<double, 2> energies{};
+    for (std::size_t p = 0; p < one.pairs.size(); ++p) {
+      std::vector<CentredPair> both;
+      for (const Channels* pattern : {&one, other}) {
+        if (pattern == nullptr) continue;
+        CV_Assert(pattern->mask.size() == norm.template_size_);
+        CV_Assert(2 * pattern->pairs.size() == window.parts_.front().channels.size());
+        both.push_back(centred(pattern->pairs[p], pattern->mask, window.means_removed_));
+        energies[both.size() - 1] += both.back().energy;
+      }
+      for (const int channel : {0, 1}) {
+        ComplexImage image = channel_of(both[0].image, channel);
+        for (std::size_t r = 0; other != nullptr && r < image.rows(); ++r) {
+          const float* from = channel == 0 ? both[1].image.real(r) : both[1].image.imaginary(r);
+          std::transform(from, from + image.columns(), image.imaginary(r), std::negate<>());
+        }
+        channels_.push_back(transform.forward(image));
+      }
+    }
+    const double area = static_cast<double>(transform.rows() * transform.columns());
+    for (std::size_t i = 0; i < surfaces_.size(); ++i) {
+      surfaces_[i].create(norm.inverse_norm_.size(), CV_32FC1);
+      inverse_norms_[i] =
+          static_cast<float>(energies[i] > kMinTemplateEnergy ? 1.0 / (std::sqrt(energies[i]) * area) : 0.0);
     }
   }
-  return scores;
+
+  std::vector<cv::Mat> scores() && {
+    const FourierTransform& transform = window_.transform_;
+    ComplexImage product(transform.columns(), transform.rows());
+    for (const WindowSpectra::Part& part : window_.parts_) {
+      const cv::Rect here = part.placements & cv::Rect(cv::Point(), norm_.inverse_norm_.size());
+      if (here.empty()) continue;
+      for (std::size_t k = 0; k < channels_.size(); ++k) multiply(part.channels[k], channels_[k], k > 0, product);
+      const ComplexImage placed = transform.inverse(product, size_of(here.height), size_of(here.width));
+      for (int r = 0; r < here.height; ++r) {
+        write(placed.real(size_of(r)), here, r, 0);
+        if (surfaces_.size() == 2) write(placed.imaginary(size_of(r)), here, r, 1);
+      }
+    }
+    return std::move(surfaces_);
+  }
+
+ private:
+  void write(const float* from, const cv::Rect& here, int row, std::size_t which) {
+    const auto* factor = norm_.inverse_norm_.ptr<float>(here.y + row) + here.x;
+    auto* to = surfaces_[which].ptr<float>(here.y + row) + here.x;
+    const float inverse_norm = inverse_norms_[which];
+    for (int c = 0; c < here.width; ++c) to[c] = factor[c] > 0 ? from[c] * factor[c] * inverse_norm : -1.0F;
+  }
+
+  const WindowSpectra& window_;
+  const TemplateNorm& norm_;
+  std::vector<ComplexImage> channels_;  // spectra of the templates' channels
+  std::vector<cv::Mat> surfaces_;
+  std::vector<float> inverse_norms_;
+};
+
+cv::Mat correlate(const Channels& pattern, const WindowSpectra& window, const TemplateNorm& norm) {
+  return ScoreSurfaces(pattern, nullptr, window, norm).scores().front();
+}
+
+std::array<cv::Mat, 2> correlate(const Channels& one, const Channels& other, const WindowSpectra& window,
+                                 const TemplateNorm& norm) {
+  const std::vector<cv::Mat> both = ScoreSurfaces(one, &other, window, norm).scores();
+  return {both[0], both[1]};
 }
 
 Peak best_peak(const cv::Mat& scores) {
@@ -217,64 +392,56 @@ Peak best_peak(const cv::Mat& scores) {
   return refined_peak(scores, at);
 }
 
+namespace {
+
+// The largest values of rows, from which the largest of all is found again after a few rows have changed.
+class RowMaxima {
+ public:
+  explicit RowMaxima(const cv::Mat& scores) : scores_(scores), largest_(size_of(scores.rows)) {
+    update(0, scores.rows);
+  }
+
+  void update(int from, int to) {
+    for (int r = std::max(0, from); r < std::min(scores_.rows, to); ++r) {
+      largest_[size_of(r)] = largest_of(scores_.ptr<float>(r), size_of(scores_.cols));
+    }
+  }
+  // The first of the largest, row by row.
+  cv::Point at() const {
+    const auto row = std::max_element(largest_.begin(), largest_.end()) - largest_.begin();
+    const auto* values = scores_.ptr<float>(static_cast<int>(row));
+    return {
+        static_cast<int>(std::find(values, values + scores_.cols, largest_[static_cast<std::size_t>(row)]) - values),
+        static_cast<int>(row)};
+  }
+
+ private:
+  const cv::Mat& scores_;
+  std::vector<float> largest_;
+};
+
+}  // namespace
+
 std::vector<Peak> distinct_peaks(const cv::Mat& scores, std::size_t count, double min_distance_px) {
   std::vector<Peak> peaks;
   cv::Mat left = scores.clone();
+  RowMaxima maxima(left);
+  const int radius = static_cast<int>(std::ceil(min_distance_px));
   while (peaks.size() < count) {
-    double score = 0;
-    cv::Point at;
-    cv::minMaxLoc(left, nullptr, &score, nullptr, &at);
-    if (score <= 0) break;
+    const cv::Point at = maxima.at();
+    if (left.at<float>(at) <= 0) break;
     peaks.push_back(refined_peak(scores, at));
-    cv::circle(left, at, static_cast<int>(std::ceil(min_distance_px)), cv::Scalar(-1), cv::FILLED);
+    cv::circle(left, at, radius, cv::Scalar(-1), cv::FILLED);
+    maxima.update(at.y - radius - 1, at.y + radius + 2);
   }
   return peaks;
 }
 
-QuantizedChannels::QuantizedChannels(const Channels& channels)
-    : mask_(channels.mask), channels_(2 * channels.pairs.size()), means_removed_(channels.means_removed) {
-  CV_Assert(channels_ == 2 || channels_ == 6);
-  const auto rows = static_cast<std::size_t>(mask_.rows), columns = static_cast<std::size_t>(mask_.cols);
-  values_ = std::make_unique_for_overwrite<std::int16_t[]>(rows * columns * channels_);
-  sums_ = std::make_unique_for_overwrite<std::int32_t[]>(rows * (columns + 1) * channels_);
-  squares_ = std::make_unique_for_overwrite<std::int64_t[]>(rows * (columns + 1));
-  valid_ = std::make_unique_for_overwrite<std::int32_t[]>(rows * (columns + 1));
-  // What is not valid counts as the mean, which is then 0.
-  std::vector<float> mean(columns * channels_);
-  for (std::size_t p = 0; p < channels.pairs.size(); ++p) {
-    const cv::Scalar both = means_removed_ ? cv::mean(channels.pairs[p], mask_) : cv::Scalar();
-    for (std::size_t i = 0; i < 2 * columns; ++i) {
-      mean[2 * columns * p + i] = std::round(static_cast<float>(both[static_cast<int>(i % 2)]) * kScale);
-    }
-  }
-  std::vector<std::int16_t> pair_values(2 * columns);
-  for (std::size_t r = 0; r < rows; ++r) {
-    const auto* valid = mask_.ptr<std::uint8_t>(static_cast<int>(r));
-    std::int16_t* value = values_.get() + r * columns * channels_;
-    for (std::size_t p = 0; p < channels.pairs.size(); ++p) {
-      quantize(channels.pairs[p].ptr<float>(static_cast<int>(r)), mean.data() + 2 * columns * p, 2 * columns,
-               pair_values.data());
-      for (std::size_t c = 0; c < columns; ++c) {
-        const bool keep = valid[c] != 0;
-        value[c * channels_ + 2 * p] = keep ? pair_values[2 * c] : std::int16_t{0};
-        value[c * channels_ + 2 * p + 1] = keep ? pair_values[2 * c + 1] : std::int16_t{0};
-      }
-    }
-    const std::size_t line = r * (columns + 1);
-    const auto sum_up = channels_ == 6 ? add_up<6> : add_up<2>;
-    sum_up(value, columns, sums_.get() + line * channels_, squares_.get() + line);
-    valid_[line] = 0;
-    for (std::size_t c = 0; c < columns; ++c) valid_[line + c + 1] = valid_[line + c] + (valid[c] != 0 ? 1 : 0);
-  }
-}
-
 LocalTemplate::LocalTemplate(const QuantizedChannels& of, const cv::Rect& part)
-    : of_(&of), part_(part), sums_(of.channels_) {
-  CV_Assert((part & cv::Rect(cv::Point(), of.size())) == part && part.width <= kMaxRun && of.channels_ <= 6);
-  const auto columns = static_cast<std::size_t>(of.mask_.cols);
-  double squares = 0;
+    : part_(part), channels_(of.channels()), means_removed_(of.means_removed()), sums_(of.channels()) {
+  CV_Assert((part & cv::Rect(cv::Point(), of.size())) == part && part.height <= kMaxRows);
   for (int row = 0; row < part.height; ++row) {
-    const auto* valid = of.mask_.ptr<std::uint8_t>(part.y + row) + part.x;
+    const auto* valid = of.mask().ptr<std::uint8_t>(part.y + row) + part.x;
     for (int begin = 0; begin < part.width;) {
       if (valid[begin] == 0) {
         ++begin;
@@ -282,69 +449,173 @@ LocalTemplate::LocalTemplate(const QuantizedChannels& of, const cv::Rect& part)
       }
       int end = begin + 1;
       while (end < part.width && valid[end] != 0) ++end;
-      runs_.push_back({row, begin, end});
-      const std::size_t line = static_cast<std::size_t>(part.y + row) * (columns + 1);
-      const std::size_t from = line + static_cast<std::size_t>(part.x + begin);
-      const std::size_t to = line + static_cast<std::size_t>(part.x + end);
-      for (std::size_t k = 0; k < of.channels_; ++k) {
-        sums_[k] += of.sums_[to * of.channels_ + k] - of.sums_[from * of.channels_ + k];
-      }
-      squares += static_cast<double>(of.squares_[to] - of.squares_[from]);
-      pixels_ += end - begin;
+      add_run(row, begin, end, of.at(part.y + row, part.x + begin));
       begin = end;
     }
   }
-  energy_ = squares;
-  if (!of.means_removed_) std::fill(sums_.begin(), sums_.end(), 0.0);
+  if (!means_removed_) std::fill(sums_.begin(), sums_.end(), 0.0);
   for (const double sum : sums_) energy_ -= sum * sum / std::max(1.0, pixels_);
 }
+
+void LocalTemplate::add_run(int row, int begin, int end, const std::int16_t* values) {
+  const std::size_t length = static_cast<std::size_t>(end - begin) * channels_;
+  const std::size_t blocks = (length + kProductBlock - 1) / kProductBlock;
+  runs_.push_back({row, begin, end, values_.size(), blocks});
+  values_.insert(values_.end(), values, values + length);
+  values_.resize(runs_.back().at + blocks * kProductBlock);
+  std::int64_t squares = 0;
+  const auto sum_up = channels_ == 6 ? sum_of_run<6> : sum_of_run<2>;
+  sum_up(values, static_cast<std::size_t>(end - begin), sums_.data(), squares);
+  energy_ += static_cast<double>(squares);
+  pixels_ += end - begin;
+}
+
+// Of the window under the valid pixels of the template, for a row of placements: sums of each channel, of the squares
+// of all, and the number of valid pixels.
+struct LocalTemplate::WindowSums {
+  WindowSums(std::size_t count, std::size_t channels) : sums(count * channels), valid(count), squares(count) {}
+
+  std::vector<std::int32_t> sums, valid;
+  std::vector<std::int64_t> squares;
+};
+
+// For templates without gaps over ground without gaps: columns of pixels are summed once for all placements above each
+// other.
+class LocalTemplate::Columns {
+ public:
+  Columns(const QuantizedChannels& window, const cv::Rect& part, cv::Point first, std::size_t count)
+      : window_(window), part_(part), first_(first), count_(count), channels_(window.channels()) {
+    columns_ = static_cast<std::size_t>(part.width) + count - 1;
+    sums_.resize(columns_ * channels_);
+    squares_.resize(columns_ * channels_);
+    for (int row = 0; row < part.height; ++row) add_values(row_at(row), sums_.size(), sums_.data(), squares_.data());
+  }
+
+  void fill(int v, WindowSums& window) {
+    if (v > 0) {
+      exchange_values(row_at(v + part_.height - 1), row_at(v - 1), sums_.size(), sums_.data(), squares_.data());
+    }
+    const auto width = static_cast<std::size_t>(part_.width);
+    std::array<std::int32_t, 6> sum{};
+    std::int64_t square = 0;
+    for (std::size_t c = 0; c < columns_; ++c) {
+      for (std::size_t k = 0; k < channels_; ++k) {
+        const std::size_t here = c * channels_ + k;
+        sum[k] += sums_[here];
+        square += squares_[here];
+        if (c >= width) {
+          sum[k] -= sums_[here - width * channels_];
+          square -= squares_[here - width * channels_];
+        }
+      }
+      if (c + 1 < width) continue;
+      const std::size_t i = c + 1 - width;
+      std::copy_n(sum.begin(), channels_, window.sums.begin() + static_cast<std::ptrdiff_t>(i * channels_));
+      window.squares[i] = square;
+      window.valid[i] = part_.area();
+    }
+  }
+
+ private:
+  const std::int16_t* row_at(int row) const { return window_.at(first_.y + row, first_.x); }
+
+  const QuantizedChannels& window_;
+  cv::Rect part_;
+  cv::Point first_;
+  std::size_t count_, channels_, columns_ = 0;
+  std::vector<std::int32_t> sums_, squares_;  // of each column and channel
+};
+
+// For all others: sums along each row of the window, whose differences are those under a run.
+class LocalTemplate::Rows {
+ public:
+  Rows(const QuantizedChannels& window, const cv::Rect& used)
+      : used_(used), channels_(window.channels()), line_(static_cast<std::size_t>(used.width) + 1) {
+    const auto rows = static_cast<std::size_t>(used.height);
+    sums_ = std::make_unique_for_overwrite<std::int32_t[]>(rows * line_ * channels_);
+    squares_ = std::make_unique_for_overwrite<std::int64_t[]>(rows * line_);
+    valid_ = std::make_unique_for_overwrite<std::int32_t[]>(rows * line_);
+    const auto sum_up = channels_ == 6 ? add_up<6> : add_up<2>;
+    for (std::size_t r = 0; r < rows; ++r) {
+      const std::size_t begin = r * line_;
+      sum_up(window.at(used.y + static_cast<int>(r), used.x), line_ - 1, sums_.get() + begin * channels_,
+             squares_.get() + begin);
+      const auto* valid = window.mask().ptr<std::uint8_t>(used.y + static_cast<int>(r)) + used.x;
+      valid_[begin] = 0;
+      for (std::size_t c = 0; c + 1 < line_; ++c) valid_[begin + c + 1] = valid_[begin + c] + (valid[c] != 0 ? 1 : 0);
+    }
+  }
+
+  // down: of the row of placements in pixels.
+  void fill(const std::vector<Run>& runs, int down, std::size_t step, WindowSums& window) const {
+    const std::size_t count = window.squares.size();
+    std::fill(window.sums.begin(), window.sums.end(), 0);
+    std::fill(window.squares.begin(), window.squares.end(), 0);
+    std::fill(window.valid.begin(), window.valid.end(), 0);
+    for (const Run& run : runs) {
+      const std::size_t line = static_cast<std::size_t>(down + run.row) * line_;
+      const std::size_t begin = line + static_cast<std::size_t>(run.begin),
+                        end = line + static_cast<std::size_t>(run.end);
+      add_differences(sums_.get() + end * channels_, sums_.get() + begin * channels_, channels_, step, count,
+                      window.sums.data());
+      add_differences(squares_.get() + end, squares_.get() + begin, 1, step, count, window.squares.data());
+      add_differences(valid_.get() + end, valid_.get() + begin, 1, step, count, window.valid.data());
+    }
+  }
+
+ private:
+  cv::Rect used_;
+  std::size_t channels_, line_;
+  // Not vectors, because those would be filled with zeros first.
+  std::unique_ptr<std::int32_t[]> sums_;     // of each channel from the row's start up to the pixel; one more per row
+  std::unique_ptr<std::int64_t[]> squares_;  // of all channels, likewise
+  std::unique_ptr<std::int32_t[]> valid_;    // pixels, likewise
+};
 
 cv::Mat LocalTemplate::scores(const QuantizedChannels& window, cv::Point first, cv::Size placements, double min_valid,
                               int step) const {
   const cv::Rect used(first.x, first.y, part_.width + (placements.width - 1) * step,
                       part_.height + (placements.height - 1) * step);
   CV_Assert((used & cv::Rect(cv::Point(), window.size())) == used);
+  CV_Assert(window.channels() == channels_);
   const auto apart = static_cast<std::size_t>(step);
-  CV_Assert(window.channels_ == of_->channels_);
-  const std::size_t channels = of_->channels_, count = static_cast<std::size_t>(placements.width);
-  const auto columns = static_cast<std::size_t>(window.mask_.cols);
-  const auto own_columns = static_cast<std::size_t>(of_->mask_.cols);
+  const auto count = static_cast<std::size_t>(placements.width);
   cv::Mat result(placements, CV_32FC1, cv::Scalar(-1));
-  std::vector<std::int64_t> products(count), squares(count);
-  std::vector<std::int32_t> sums(count * channels), valid(count);
+  std::vector<std::int64_t> products(count);
+  std::vector<ProductRow> rows(runs_.size());
+  WindowSums there(count, channels_);
+  const bool no_gaps = step == 1 && runs_.size() == static_cast<std::size_t>(part_.height) && pixels_ == part_.area() &&
+                       (window.whole() || cv::countNonZero(window.mask()(used)) == used.area());
+  std::optional<Columns> by_columns;
+  std::optional<Rows> by_rows;
+  if (no_gaps) {
+    by_columns.emplace(window, part_, first, count);
+  } else {
+    by_rows.emplace(window, used);
+  }
   for (int v = 0; v < placements.height; ++v) {
-    std::fill(products.begin(), products.end(), 0);
-    std::fill(squares.begin(), squares.end(), 0);
-    std::fill(sums.begin(), sums.end(), 0);
-    std::fill(valid.begin(), valid.end(), 0);
-    for (const Run& run : runs_) {
-      const auto row = static_cast<std::size_t>(first.y + v * step + run.row);
-      const auto begin = static_cast<std::size_t>(first.x + run.begin),
-                 end = static_cast<std::size_t>(first.x + run.end);
-      const std::size_t own =
-          static_cast<std::size_t>(part_.y + run.row) * own_columns + static_cast<std::size_t>(part_.x + run.begin);
-      add_products(of_->values_.get() + own * channels, window.values_.get() + (row * columns + begin) * channels,
-                   (end - begin) * channels, apart * channels, count, products.data());
-      const std::size_t line = row * (columns + 1);
-      add_differences(window.sums_.get() + (line + end) * channels, window.sums_.get() + (line + begin) * channels,
-                      channels, apart, count, sums.data());
-      add_differences(window.squares_.get() + line + end, window.squares_.get() + line + begin, 1, apart, count,
-                      squares.data());
-      add_differences(window.valid_.get() + line + end, window.valid_.get() + line + begin, 1, apart, count,
-                      valid.data());
+    for (std::size_t i = 0; i < runs_.size(); ++i) {
+      const Run& run = runs_[i];
+      rows[i] = {values_.data() + run.at, window.at(first.y + v * step + run.row, first.x + run.begin), run.blocks};
+    }
+    sum_products(rows, apart * channels_, count, products.data());
+    if (by_columns) {
+      by_columns->fill(v, there);
+    } else {
+      by_rows->fill(runs_, v * step, apart, there);
     }
     auto* out = result.ptr<float>(v);
     for (std::size_t i = 0; i < count; ++i) {
-      const double overlap = valid[i];
+      const double overlap = there.valid[i];
       if (overlap < min_valid * pixels_ || overlap == 0) continue;
-      double product = static_cast<double>(products[i]), energy = static_cast<double>(squares[i]);
-      for (std::size_t k = 0; k < channels; ++k) {
-        const double sum = sums[i * channels + k];
+      double product = static_cast<double>(products[i]), energy = static_cast<double>(there.squares[i]);
+      for (std::size_t k = 0; k < channels_; ++k) {
+        const double sum = there.sums[i * channels_ + k];
         product -= sums_[k] * sum / pixels_;
-        if (of_->means_removed_) energy -= sum * sum / overlap;
+        if (means_removed_) energy -= sum * sum / overlap;
       }
       // As in TemplateNorm: ground without texture matches nothing, and a placement half off the map is not favoured.
-      constexpr double kMinQuantizedVariance = kMinVariance * double{kScale} * double{kScale};
+      constexpr double kMinQuantizedVariance = kMinVariance * kQuantizedSteps * kQuantizedSteps;
       if (energy < kMinQuantizedVariance * pixels_) continue;
       out[i] =
           energy_ > 0 ? static_cast<float>(product / std::sqrt(energy * energy_) * std::sqrt(overlap / pixels_)) : 0.0F;
@@ -366,7 +637,13 @@ void MapChannels::cover(const cv::Rect& part) {
     image_(available).copyTo(image(available - part_.tl()));
     mask_(available).copyTo(mask(available - part_.tl()));
   }
-  channels_.emplace(oriented_channels(image, mask, set_, options_));
+  channels_.emplace(quantized_channels(image, mask, set_, options_));
+  half_.reset();
+}
+
+const QuantizedChannels& MapChannels::half() {
+  if (!half_) half_.emplace(channels_->halved({0, 0}));
+  return *half_;
 }
 
 }  // namespace nadir

@@ -10,32 +10,42 @@
 // the same on every processor.
 #pragma once
 
+#include <array>
 #include <cstdint>
-#include <memory>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 #include <vector>
 
+#include "vision/fourier.hpp"
 #include "vision/oriented_channels.hpp"
+#include "vision/quantized_channels.hpp"
 
 namespace nadir {
 
-// The window's side of the correlation, computed once and used for every heading and scale of the template.
+// The window's side of the correlation, computed once and used for every heading and scale of the template. A window
+// that is much larger than the template is transformed in overlapping parts, each for its share of the placements.
 class WindowSpectra {
  public:
-  explicit WindowSpectra(const Channels& window);
+  // For templates of that size; empty: of any.
+  explicit WindowSpectra(const Channels& window, cv::Size pattern = {});
 
   cv::Size window_size() const { return window_size_; }
 
  private:
   friend class TemplateNorm;
-  friend cv::Mat correlate(const Channels&, const WindowSpectra&, const class TemplateNorm&);
+  friend class ScoreSurfaces;
+
+  struct Part {
+    cv::Rect placements;
+    std::vector<ComplexImage> channels;  // their spectra, each channel's global mean removed
+    ComplexImage energy_and_valid;       // spectrum of (sum of squares, 1 where valid) as one complex image
+  };
 
   cv::Size window_size_;
-  cv::Size fft_size_;
+  cv::Size pattern_;
   bool means_removed_;
-  std::vector<cv::Mat> pairs_;  // spectra of the channel pairs, each channel's global mean removed
-  cv::Mat energy_and_valid_;    // spectrum of (sum of squares, 1 where valid) as one complex image
+  FourierTransform transform_;
+  std::vector<Part> parts_;
 };
 
 // The denominator for one template mask. It varies slowly with heading and scale, so a sweep may share one; use the
@@ -46,7 +56,7 @@ class TemplateNorm {
   TemplateNorm(const Channels& shape, const WindowSpectra& window, double min_valid = kMinValidShare);
 
  private:
-  friend cv::Mat correlate(const Channels&, const WindowSpectra&, const TemplateNorm&);
+  friend class ScoreSurfaces;
   cv::Size template_size_;
   cv::Mat inverse_norm_;  // 1 / |M(u)|, 0 where the placement does not count
 };
@@ -55,6 +65,10 @@ class TemplateNorm {
 // Size: window − template + 1. Placements that do not count score −1. The template must fit into the window and have
 // the size that `norm` was made for.
 cv::Mat correlate(const Channels& pattern, const WindowSpectra& window, const TemplateNorm& norm);
+// Of two templates, for less than the price of two: the scores of the one are the real part of what is transformed
+// back, those of the other the imaginary part.
+std::array<cv::Mat, 2> correlate(const Channels& one, const Channels& other, const WindowSpectra& window,
+                                 const TemplateNorm& norm);
 
 // A local maximum of a score surface, to a fraction of a pixel (parabola through the neighbours).
 struct Peak {
@@ -70,31 +84,10 @@ Peak best_peak(const cv::Mat& scores);
 // The strongest maxima that are at least min_distance_px apart, best first.
 std::vector<Peak> distinct_peaks(const cv::Mat& scores, std::size_t count, double min_distance_px);
 
-// Channels as integers (steps of 1/256, at most ±511), all channels of a pixel side by side.
-class QuantizedChannels {
- public:
-  explicit QuantizedChannels(const Channels& channels);
-
-  cv::Size size() const { return mask_.size(); }
-  const cv::Mat& mask() const { return mask_; }
-
- private:
-  friend class LocalTemplate;
-
-  cv::Mat mask_;
-  std::size_t channels_ = 0;
-  bool means_removed_ = true;
-  // Not vectors, because those would be filled with zeros first: megabytes for each image.
-  std::unique_ptr<std::int16_t[]> values_;   // row by row, pixel by pixel, less the mean, 0 where the mask is
-  std::unique_ptr<std::int32_t[]> sums_;     // of each channel from the row's start up to the pixel; one more per row
-  std::unique_ptr<std::int64_t[]> squares_;  // of all channels, likewise
-  std::unique_ptr<std::int32_t[]> valid_;    // pixels, likewise
-};
-
 // A part of an image as the template of direct correlations.
 class LocalTemplate {
  public:
-  // `of` must outlive it; `part` lies inside.
+  // `part` lies inside.
   LocalTemplate(const QuantizedChannels& of, const cv::Rect& part);
 
   // Scores (CV_32FC1) with the template's top-left corner at `first` of `window` and at placements.width - 1 further
@@ -106,10 +99,19 @@ class LocalTemplate {
  private:
   struct Run {  // of valid pixels in a row of the template
     int row = 0, begin = 0, end = 0;
+    std::size_t at = 0, blocks = 0;  // in values_
   };
-  const QuantizedChannels* of_;
+  struct WindowSums;
+  class Columns;
+  class Rows;
+
+  void add_run(int row, int begin, int end, const std::int16_t* values);
+
   cv::Rect part_;
+  std::size_t channels_ = 0;
+  bool means_removed_ = true;
   std::vector<Run> runs_;
+  std::vector<std::int16_t> values_;  // of the runs, one after the other, each filled up with zeros
   double pixels_ = 0;
   double energy_ = 0;         // sum of squares, the channels' means removed
   std::vector<double> sums_;  // of each channel
@@ -127,6 +129,8 @@ class MapChannels {
   void cover(const cv::Rect& part);
   // Of the region covered last, and where in it a pixel of the map lies.
   const QuantizedChannels& channels() const { return *channels_; }
+  // The same at half the resolution.
+  const QuantizedChannels& half();
   cv::Point inside(cv::Point map_pixel) const { return map_pixel - part_.tl(); }
 
  private:
@@ -134,7 +138,7 @@ class MapChannels {
   ChannelSet set_;
   ChannelOptions options_;
   cv::Rect part_;
-  std::optional<QuantizedChannels> channels_;
+  std::optional<QuantizedChannels> channels_, half_;
 };
 
 }  // namespace nadir

@@ -64,9 +64,10 @@ inline constexpr float kGradientEpsilon2 = 1e-12F;  // likewise, squared
 inline constexpr double kMinValidShare = 0.6;  // of a template on valid map; chosen (docs/localization.md)
 // Energy per pixel below which ground has no texture and matches nothing. Channels are of the order of 1; numerical.
 inline constexpr double kMinVariance = 1e-6;
-inline constexpr double kMinTemplateEnergy = 1e-9;  // numerical
-inline constexpr float kMinPeakCurvature = 1e-9F;   // flatter: the peak is not interpolated; numerical
-inline constexpr int kMapChannelsMargin_px = 12;    // channels of the map are made with: the next request lies close by
+inline constexpr double kMinTemplateEnergy = 1e-9;    // numerical
+inline constexpr float kMinPeakCurvature = 1e-9F;     // flatter: the peak is not interpolated; numerical
+inline constexpr std::size_t kMaxTransform_px = 512;  // side; larger windows in parts that stay in caches; chosen
+inline constexpr int kMapChannelsMargin_px = 12;  // channels of the map are made with: the next request lies close by
 
 // ---- search in a window of the map
 
@@ -117,9 +118,22 @@ inline constexpr double kPatchWeakInformation = 0.01;  // 1/px²: keeps a patch 
 inline constexpr double kPatchMinValid = 0.8;          // share of a patch on valid map; chosen
 inline constexpr double kPatchMinCovered = 0.8;        // share of a patch that the frame covers; chosen
 inline constexpr double kPatchFrameMargin = 0.04;      // of the image: patches at its very edge stick out; chosen
-inline constexpr int kPatchStep_px = 2;                // first pass: the channels are smooth enough not to hide a peak
 inline constexpr int kPatchAround_px = 2;              // second pass, around the best of the first
 inline constexpr int kChannelReach_px = 8;             // of the channels' smoothing, for the map's margin
+
+// ---- feature descriptors: SIFT's (Lowe 2004), with fewer samples
+
+inline constexpr int kDescriptorCells = 4;              // along each side (Lowe 2004)
+inline constexpr int kDescriptorTurns = 8;              // orientations of a cell (Lowe 2004)
+inline constexpr double kDescriptorCellSigmas = 3;      // side of a cell over the feature's sigma (Lowe 2004)
+inline constexpr float kDescriptorLargestShare = 0.2F;  // of one number in the descriptor's length (Lowe 2004)
+inline constexpr float kDescriptorSteps = 512;          // of a unit length (OpenCV)
+inline constexpr int kDescriptorPositions = 16;         // samples along each side; as many matches as with every pixel
+inline constexpr double kDescriptorReach = 2.5;         // cells to both sides that they span: one half beyond the outer
+inline constexpr int kDescriptorLevels = 3;             // of an octave, as kOctaveLayers of the detector
+inline constexpr int kDescriptorOctaves = 5;            // larger features are described on the last one
+inline constexpr double kDescriptorFirstSigma_px = 0.8;   // SIFT begins with 1.6 pixels of the doubled image
+inline constexpr double kDescriptorCameraSigma_px = 0.5;  // of what a camera shows (Lowe 2004)
 
 // ---- robust Gauss-Newton
 

@@ -115,22 +115,32 @@ std::vector<MatchHypothesis> sweep(const ReducedFrame& frame, const ScaledMap& m
   const ChannelSet set = options.features.sweep;
   const auto grid = template_grid(frame.camera, prior.pose, trials, map.gsd_m);
   if (!grid || grid->columns > map.image.cols || grid->rows > map.image.rows) return {};
-  const WindowSpectra window(oriented_channels(map.image, map.mask, set, options.features.channels));
+  const WindowSpectra window(oriented_channels(map.image, map.mask, set, options.features.channels),
+                             {grid->columns, grid->rows});
+  const auto seen_under = [&](const HeadingAndHeight& trial) {
+    return channels_of(rectify(frame, with(prior.pose, trial, {}), *grid), set, options);
+  };
   // The denominator varies little over the sweep: one, from the middle trial, serves all.
-  const HeadingAndHeight middle = trials[trials.size() / 2];
-  const TemplateNorm norm(channels_of(rectify(frame, with(prior.pose, middle, {}), *grid), set, options), window);
+  const TemplateNorm norm(seen_under(trials[trials.size() / 2]), window);
   std::vector<MatchHypothesis> hypotheses;
-  for (const HeadingAndHeight& trial : trials) {
-    options.cancel.check();
-    const RectifiedFrame rectified = rectify(frame, with(prior.pose, trial, {}), *grid);
-    const cv::Mat scores = correlate(channels_of(rectified, set, options), window, norm);
+  const auto keep_peaks = [&](const HeadingAndHeight& trial, const cv::Mat& scores) {
     const cv::Rect part = searched_part(map, *grid, prior, scores.size());
-    if (part.empty()) continue;
+    if (part.empty()) return;
     for (const Peak& peak : distinct_peaks(scores(part), count, options.distinct_m / map.gsd_m)) {
       MatchHypothesis hypothesis;
       hypothesis.pose = with(prior.pose, trial, camera_of(map, *grid, peak.x + part.x, peak.y + part.y));
       hypothesis.coarse_score = peak.score;
       hypotheses.push_back(hypothesis);
+    }
+  };
+  for (std::size_t i = 0; i < trials.size(); i += 2) {
+    options.cancel.check();
+    if (i + 1 == trials.size()) {
+      keep_peaks(trials[i], correlate(seen_under(trials[i]), window, norm));
+    } else {
+      const auto [one, other] = correlate(seen_under(trials[i]), seen_under(trials[i + 1]), window, norm);
+      keep_peaks(trials[i], one);
+      keep_peaks(trials[i + 1], other);
     }
   }
   return distinct(std::move(hypotheses), options.distinct_m, &MatchHypothesis::coarse_score, count);
@@ -172,9 +182,13 @@ void confirm(MatchHypothesis& hypothesis, const ReducedFrame& frame, const Scale
   if ((part & cv::Rect(cv::Point(), map.image.size())).empty()) return;
   map_channels.cover(part);
   const CameraPose begin = hypothesis.pose;
+  const bool confirmed = hypothesis.score > -1;
   for (const HeadingAndHeight& trial : trials) {
     options.cancel.check();
-    const QuantizedChannels whole(channels_of(rectify(frame, with(begin, trial, {}), *grid), set, options));
+    if (confirmed && trial.heading_rad == begin.attitude.heading_rad && trial.agl_m == begin.agl_m)
+      continue;  // is known
+    const RectifiedFrame rectified = rectify(frame, with(begin, trial, {}), *grid);
+    const QuantizedChannels whole = quantized_channels(rectified.image, rectified.mask, set, options.features.channels);
     const LocalTemplate pattern(whole, cv::Rect(cv::Point(), whole.size()));
     const Peak peak = best_peak(
         pattern.scores(map_channels.channels(), map_channels.inside(part.tl()), {2 * slack + 1, 2 * slack + 1}));

@@ -18,16 +18,6 @@ ImageGradient smoothed_gradient(const cv::Mat& grey, double sigma_px) {
   return image_gradient(smooth);
 }
 
-// The gradient and the smoothing reach over the border of the valid area: that margin is not usable.
-cv::Mat usable_part(const cv::Mat& mask, cv::Size size, double reach_px) {
-  cv::Mat usable = mask.empty() ? cv::Mat(size, CV_8UC1, cv::Scalar(255)) : mask.clone();
-  if (cv::countNonZero(usable) == static_cast<int>(usable.total())) return usable;
-  const int side = 2 * static_cast<int>(std::ceil(reach_px)) + 1;
-  cv::erode(usable, usable, cv::getStructuringElement(cv::MORPH_RECT, cv::Size(side, side)), cv::Point(-1, -1), 1,
-            cv::BORDER_CONSTANT, cv::Scalar(255));
-  return usable;
-}
-
 // 1 / (local strength + floor): equalises the contrast over the image.
 cv::Mat normalisation(const cv::Mat& strength, const cv::Mat& mask, const ChannelOptions& options) {
   const double mean = cv::mean(strength, mask)[0];
@@ -121,9 +111,18 @@ ImageGradient image_gradient(const cv::Mat& image) {
   return gradient;
 }
 
+cv::Mat usable_part(const cv::Mat& mask, cv::Size size, const ChannelOptions& options) {
+  cv::Mat usable = mask.empty() ? cv::Mat(size, CV_8UC1, cv::Scalar(255)) : mask.clone();
+  if (cv::countNonZero(usable) == static_cast<int>(usable.total())) return usable;
+  const int side = 2 * static_cast<int>(std::ceil(2 * options.sigma_px + 1)) + 1;
+  cv::erode(usable, usable, cv::getStructuringElement(cv::MORPH_RECT, cv::Size(side, side)), cv::Point(-1, -1), 1,
+            cv::BORDER_CONSTANT, cv::Scalar(255));
+  return usable;
+}
+
 Channels oriented_channels(const cv::Mat& grey, const cv::Mat& mask, ChannelSet set, const ChannelOptions& options) {
   Channels channels;
-  channels.mask = usable_part(mask, grey.size(), 2 * options.sigma_px + 1);
+  channels.mask = usable_part(mask, grey.size(), options);
   channels.means_removed = options.means_removed;
   if (set == ChannelSet::grey) {
     cv::Mat level;

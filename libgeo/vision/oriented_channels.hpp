@@ -51,6 +51,10 @@ struct ImageGradient {
 };
 ImageGradient image_gradient(const cv::Mat& image);
 
+// The gradient and the smoothing reach over the border of the valid area: the mask without that margin. mask: CV_8UC1
+// or empty (everything valid).
+cv::Mat usable_part(const cv::Mat& mask, cv::Size size, const ChannelOptions& options);
+
 // grey: CV_8UC1. mask: CV_8UC1 or empty (everything valid).
 Channels oriented_channels(const cv::Mat& grey, const cv::Mat& mask, ChannelSet set,
                            const ChannelOptions& options = {});

@@ -6,15 +6,17 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
+#include <utility>
 
 #include "vision/correlation.hpp"
 
 namespace nadir {
 namespace {
 
-// Patches in the rectified frame that the camera's image really covers.
+// Patches in the rectified frame that the camera's image really covers. Their corners lie at `even` or an even number
+// of pixels beside.
 std::vector<cv::Rect> patch_rectangles(const RectifiedFrame& frame, const CameraModel& camera, const CameraPose& pose,
-                                       const PatchOptions& options, const GroundSurface& surface) {
+                                       const PatchOptions& options, const GroundSurface& surface, cv::Point even) {
   std::vector<cv::Rect> places;
   cv::Mat sums;
   cv::integral(frame.mask, sums, CV_64F);
@@ -29,11 +31,12 @@ std::vector<cv::Rect> patch_rectangles(const RectifiedFrame& frame, const Camera
       const double v = kPatchFrameMargin + (1 - 2 * kPatchFrameMargin) * (j + 0.5) / options.rows;
       const auto ground = ground_from_ray(pose, camera.ray_from_pixel({u * camera.width, v * camera.height}), surface);
       if (!ground) continue;
-      const cv::Rect place(
-          static_cast<int>(std::lround((ground->east_m - frame.grid.west_m) / frame.grid.gsd_m)) - options.patch_px / 2,
-          static_cast<int>(std::lround((frame.grid.north_m - ground->north_m) / frame.grid.gsd_m)) -
-              options.patch_px / 2,
-          options.patch_px, options.patch_px);
+      const auto corner = [&](double middle_px, int first) {
+        return first + 2 * static_cast<int>(std::lround((middle_px - first - options.patch_px / 2.0) / 2));
+      };
+      const cv::Rect place(corner((ground->east_m - frame.grid.west_m) / frame.grid.gsd_m, even.x),
+                           corner((frame.grid.north_m - ground->north_m) / frame.grid.gsd_m, even.y), options.patch_px,
+                           options.patch_px);
       if ((place & whole) == place && covered(place) >= kPatchMinCovered * 255.0 * place.area())
         places.push_back(place);
     }
@@ -65,25 +68,48 @@ struct Scored {
   cv::Point first;
 };
 
-// Every other placement, then all around the best of those.
-Scored near_scores(const LocalTemplate& pattern, const QuantizedChannels& map, cv::Point first, int side) {
-  const int coarse_side = (side + kPatchStep_px - 1) / kPatchStep_px;
+// The frame and the map at full and at half resolution.
+struct BothScales {
+  BothScales(QuantizedChannels on_frame, const QuantizedChannels& on_map, const QuantizedChannels& half_on_map,
+             cv::Point map_offset)
+      : frame(std::move(on_frame)),
+        map(on_map),
+        half_map(half_on_map),
+        offset(map_offset),
+        even(map_offset.x & 1, map_offset.y & 1),
+        half_frame(frame.halved(even)) {}
+
+  const QuantizedChannels frame;
+  const QuantizedChannels &map, &half_map;
+  const cv::Point offset;  // of the frame in the map
+  const cv::Point even;    // the first pixel of the frame that is the first of four which the map's half joins
+  const QuantizedChannels half_frame;
+};
+
+// Every other placement at half the resolution, then all around the best of those.
+Scored near_scores(const BothScales& of, const cv::Rect& place, int search) {
+  const int reach = search / 2;
+  const cv::Rect half((place.x - of.even.x) / 2, (place.y - of.even.y) / 2, place.width / 2, place.height / 2);
+  const cv::Point middle = half.tl() + (of.offset + of.even) / 2;
   cv::Point best;
-  cv::minMaxLoc(pattern.scores(map, first, {coarse_side, coarse_side}, kPatchMinValid, kPatchStep_px), nullptr, nullptr,
-                nullptr, &best);
-  const cv::Rect fine = cv::Rect(kPatchStep_px * best.x - kPatchAround_px, kPatchStep_px * best.y - kPatchAround_px,
-                                 2 * kPatchAround_px + 1, 2 * kPatchAround_px + 1) &
-                        cv::Rect(0, 0, side, side);
-  return {pattern.scores(map, first + fine.tl(), fine.size(), kPatchMinValid), first + fine.tl()};
+  cv::minMaxLoc(
+      LocalTemplate(of.half_frame, half)
+          .scores(of.half_map, middle - cv::Point(reach, reach), {2 * reach + 1, 2 * reach + 1}, kPatchMinValid),
+      nullptr, nullptr, nullptr, &best);
+  const cv::Point expected = place.tl() + of.offset, there = expected + 2 * (best - cv::Point(reach, reach));
+  const cv::Rect fine =
+      cv::Rect(there.x - kPatchAround_px, there.y - kPatchAround_px, 2 * kPatchAround_px + 1, 2 * kPatchAround_px + 1) &
+      cv::Rect(expected.x - search, expected.y - search, 2 * search + 1, 2 * search + 1);
+  return {LocalTemplate(of.frame, place).scores(of.map, fine.tl(), fine.size(), kPatchMinValid), fine.tl()};
 }
 
-std::optional<PatchMatch> match_one(const QuantizedChannels& frame, const QuantizedChannels& map, const cv::Rect& place,
-                                    cv::Point map_offset, const GroundGrid& grid, const PatchOptions& options) {
+std::optional<PatchMatch> match_one(const BothScales& pictures, const cv::Rect& place, const GroundGrid& grid,
+                                    const PatchOptions& options) {
   const int search = static_cast<int>(std::ceil(options.search_px));
-  const cv::Rect wide(place.x + map_offset.x - search, place.y + map_offset.y - search, place.width + 2 * search,
-                      place.height + 2 * search);
-  if ((wide & cv::Rect(cv::Point(), map.size())) != wide) return std::nullopt;
-  const Scored found = near_scores(LocalTemplate(frame, place), map, wide.tl(), 2 * search + 1);
+  const cv::Rect wide(place.x + pictures.offset.x - search, place.y + pictures.offset.y - search,
+                      place.width + 2 * search, place.height + 2 * search);
+  if ((wide & cv::Rect(cv::Point(), pictures.map.size())) != wide) return std::nullopt;
+  const Scored found = near_scores(pictures, place, search);
   Peak peak = best_peak(found.scores);
   const Eigen::Matrix2d information_m2 = information_of(found.scores, peak, grid.gsd_m);
   peak.x += found.first.x - wide.x;
@@ -113,13 +139,14 @@ PatchMatches match_patches(const RectifiedFrame& frame, const CameraModel& camer
   PatchMatches matches;
   if ((used & cv::Rect(cv::Point(), map_channels.map_size())).empty()) return matches;
   const MatchFeatures& features = options.features;
-  const QuantizedChannels on_frame(oriented_channels(frame.image, frame.mask, features.fine, features.channels));
   map_channels.cover(used);
   const cv::Point offset = map_channels.inside(map_offset);
-  const auto places = patch_rectangles(frame, camera, pose, options, surface);
+  const BothScales pictures{quantized_channels(frame.image, frame.mask, features.fine, features.channels),
+                            map_channels.channels(), map_channels.half(), offset};
+  const auto places = patch_rectangles(frame, camera, pose, options, surface, pictures.even);
   matches.tried = static_cast<int>(places.size());
   for (const cv::Rect& place : places) {
-    if (const auto match = match_one(on_frame, map_channels.channels(), place, offset, frame.grid, options)) {
+    if (const auto match = match_one(pictures, place, frame.grid, options)) {
       matches.found.push_back(*match);
     }
   }

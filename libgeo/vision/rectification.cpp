@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 #include <opencv2/imgproc.hpp>
+#include <utility>
+#include <vector>
 
 namespace nadir {
 namespace {
@@ -113,28 +115,43 @@ RectifiedFrame rectify(const ReducedFrame& frame, const CameraPose& pose, const 
   result.mask.create(grid.rows, grid.columns, CV_8UC1);
   const auto right = static_cast<float>(frame.camera.width - 1), bottom = static_cast<float>(frame.camera.height - 1);
   for (int r = 0; r < grid.rows; ++r) {
-    const auto* pixel = pixels.ptr<cv::Vec2f>(r);
+    const auto* pixel = pixels.ptr<float>(r);
     auto* mask = result.mask.ptr<std::uint8_t>(r);
-    for (int c = 0; c < grid.columns; ++c) {
-      const bool inside = pixel[c][0] >= 0 && pixel[c][1] >= 0 && pixel[c][0] <= right && pixel[c][1] <= bottom;
-      mask[c] = inside ? 255 : 0;
+    for (std::size_t c = 0; c < static_cast<std::size_t>(grid.columns); ++c) {
+      const float x = pixel[2 * c], y = pixel[2 * c + 1];
+      mask[c] = (x >= 0) & (y >= 0) & (x <= right) & (y <= bottom) ? 255 : 0;  // without branches
     }
   }
   return result;
 }
 
 void fill_between_nodes(const cv::Mat& nodes, int step, cv::Mat& pixels) {
-  for (int r = 0; r < pixels.rows; ++r) {
-    const int node_row = r / step;
-    const float v = static_cast<float>(r % step) / static_cast<float>(step);
-    const auto* above = nodes.ptr<cv::Vec2f>(node_row);
-    const auto* below = nodes.ptr<cv::Vec2f>(node_row + 1);
-    auto* row = pixels.ptr<cv::Vec2f>(r);
-    for (int c = 0; c < pixels.cols; ++c) {
-      const int n = c / step;
-      const float u = static_cast<float>(c % step) / static_cast<float>(step);
-      row[c] = (1 - v) * ((1 - u) * above[n] + u * above[n + 1]) + v * ((1 - u) * below[n] + u * below[n + 1]);
+  const auto columns = static_cast<std::size_t>(pixels.cols), apart = static_cast<std::size_t>(step);
+  // Each row of nodes is filled along once, and serves the pixels above and below.
+  const auto along = [&](int node_row, std::vector<float>& filled) {
+    const auto* node = nodes.ptr<cv::Vec2f>(node_row);
+    for (std::size_t begin = 0; begin < columns; begin += apart, ++node) {
+      const cv::Vec2f left = node[0], right = node[1];
+      for (std::size_t c = begin; c < std::min(columns, begin + apart); ++c) {
+        const float u = static_cast<float>(c - begin) / static_cast<float>(apart);
+        filled[2 * c] = (1 - u) * left[0] + u * right[0];
+        filled[2 * c + 1] = (1 - u) * left[1] + u * right[1];
+      }
     }
+  };
+  std::vector<float> above(2 * columns), below(2 * columns);
+  for (int r = 0; r < pixels.rows; ++r) {
+    if (r % step == 0) {
+      if (r > 0) {
+        std::swap(above, below);
+      } else {
+        along(0, above);
+      }
+      along(r / step + 1, below);
+    }
+    const float v = static_cast<float>(r % step) / static_cast<float>(step);
+    auto* row = pixels.ptr<float>(r);
+    for (std::size_t i = 0; i < 2 * columns; ++i) row[i] = (1 - v) * above[i] + v * below[i];
   }
 }
 

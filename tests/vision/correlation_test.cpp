@@ -134,6 +134,23 @@ TEST(Correlation, EqualsTheFormulaWhereTheMapEnds) {
   EXPECT_LT(worst_difference(pattern, window, 0.15), 1e-4);
 }
 
+// A large window is transformed in parts, and two templates are transformed back at once: the same scores.
+TEST(Correlation, PartsAndPairsScoreTheSame) {
+  Random random(21);
+  Channels window = random_channels(random, 700, 610, 1);
+  punch(window, {300, 200, 80, 90});
+  Channels pattern = random_channels(random, 33, 21, 1), other = random_channels(random, 33, 21, 1);
+  punch(pattern, {0, 0, 9, 5});
+  other.mask = pattern.mask;
+  const WindowSpectra whole(window), parts(window, pattern.mask.size());
+  const TemplateNorm of_whole(pattern, whole), of_parts(pattern, parts);
+  const cv::Mat expected = correlate(pattern, whole, of_whole), expected_other = correlate(other, whole, of_whole);
+  EXPECT_LT(cv::norm(correlate(pattern, parts, of_parts), expected, cv::NORM_INF), 1e-5);
+  const auto [first, second] = correlate(pattern, other, parts, of_parts);
+  EXPECT_LT(cv::norm(first, expected, cv::NORM_INF), 1e-5);
+  EXPECT_LT(cv::norm(second, expected_other, cv::NORM_INF), 1e-5);
+}
+
 TEST(Correlation, TooLittleMapDoesNotCount) {
   Random random(14);
   Channels window = random_channels(random, 60, 20, 1);
