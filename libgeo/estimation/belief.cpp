@@ -85,10 +85,12 @@ void PlaceBelief::on_hint() {
   for (Place& place : places_) place.contradicts = false;
 }
 
-void PlaceBelief::on_track_moved(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& track_covariance_m2) {
+void PlaceBelief::on_track_corrected(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,
+                                     const Eigen::Matrix2d& covariance_after_m2) {
   for (Place& place : places_) {
     place.offset_m -= by_m;
-    place.track_variance_m2 = track_covariance_m2.trace() / 2;
+    place.covariance_m2 = grown_m2(place, covariance_before_m2);
+    place.track_variance_m2 = covariance_after_m2.trace() / 2;
   }
 }
 

@@ -88,8 +88,10 @@ class PlaceBelief {
   // Time passes, during which the track may have become wrong without a sign.
   void propagate(double seconds);
   LookResult update(const Look& look, const TrackPrediction& track);
-  // After an accepted look: the filter was updated with the candidate.
-  void on_track_moved(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& track_covariance_m2);
+  // The filter has corrected where the track was: with an accepted candidate, or by odometry, which measures earlier
+  // displacements as well. Places stay where they are.
+  void on_track_corrected(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,
+                          const Eigen::Matrix2d& covariance_after_m2);
   // An operator says that the aircraft may be somewhere else: places that contradict the track count in full.
   void on_hint();
 

@@ -60,6 +60,7 @@ struct MatchState {
   bool job_out = false;  // a frame is being matched with the map
   bool last_failed = false;
   std::optional<LastLook> last;
+  Eigen::Vector2d corrected_m = Eigen::Vector2d::Zero();  // of the track's past by odometry, so far
 };
 
 // Where a lost aircraft is searched: chosen with the frame, searched by its job.
@@ -257,11 +258,15 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
   FrameReport report;
   if (job->match) {
     s.widen_for_another_map(job->context, *job->match);
+    // Where the track was then, as it is known by now.
+    job->context.track.position =
+        PlanePoint(job->context.track.position.vector() + s.matching.corrected_m - job->corrected_m);
     const Look look = look_of(*job->match, job->context);
     LookResult result;
     if (job->match->on_map) result = s.belief.update(look, job->context.track);
     report.anchor = anchor_report(*job->match, job->context, look, result);
     s.window.record_attempt(report.anchor.verdict);
+    if (getenv("DBG")) fprintf(stderr, "L %zu %s lnl %.2f ratio %.2f score %.2f in %d/%d chi2 %.2f doubt %.3g assoc %.3g s %.2f sig %.1f places %zu track %.4g else %.4g\n", job->step, std::string(name_of(report.anchor.verdict)).c_str(), report.anchor.log_likelihood_ratio, report.anchor.ratio, report.anchor.score, report.anchor.inliers, report.anchor.patches, report.anchor.chi2, result.place_doubt, result.association_doubt, job->context.new_ground, std::sqrt(job->context.track.covariance_m2.trace()/2), s.belief.places(), s.belief.track_probability(), s.belief.elsewhere_probability());
     s.matching.last_failed = !result.accepted;
     s.matching.last = {job->time_s, job->segment, job->context.track.position};
     // The filter has not expected it there.
@@ -368,7 +373,11 @@ bool Localizer::Impl::update_with_odometry(const cv::Mat& grey, OdometryReport& 
     step.contradicted_turn_rad = turn_rad;
     filter->inflate_heading(turn_rad);
   } else {
-    published.withheld_m += filter->update_relative(measurement);
+    const Eigen::Matrix2d before_m2 = filter->position_covariance_m2();
+    const Eigen::Vector2d correction_m = filter->update_relative(measurement);
+    published.withheld_m += correction_m;
+    matching.corrected_m += correction_m;
+    belief.on_track_corrected(correction_m, before_m2, filter->position_covariance_m2());
     step.relative_motion = measurement;
   }
   step.wrong_course_sigma_m = course.on_step(contradicted, filter->sigma(FlightFilter::heading), report.step_m);
@@ -443,6 +452,7 @@ std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
                                                .reference = telemetry.reference,
                                                .flight = *filter,
                                                .context = context,
+                                               .corrected_m = matching.corrected_m,
                                                .searches_everywhere = where && !where->hint});
 }
 
@@ -566,7 +576,8 @@ FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const Anchor
   last_anchor = LastAnchor{job.time_s, match.solved->pose.position, match.solved->inliers, match.search.ratio};
   published.withheld_m.setZero();
   matching.last->position = filter->position();
-  belief.on_track_moved(filter->position() - job.context.track.position, filter->position_covariance_m2());
+  belief.on_track_corrected(filter->position() - job.context.track.position, job.context.track.covariance_m2,
+                            filter->position_covariance_m2());
   operator_hint.reset();
   placed = true;
   tracking.on_anchor(job.segment == tracking.segment());

@@ -78,6 +78,7 @@ class AnchorJob {
   TelemetryReference reference;
   FlightFilter flight;  // as it was
   LookContext context;
+  Eigen::Vector2d corrected_m = Eigen::Vector2d::Zero();  // of the track's past by odometry, up to this frame
   bool searches_everywhere = false;  // no prediction and no hint: all of the area, for half a minute perhaps
 };
 

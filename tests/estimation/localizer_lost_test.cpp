@@ -87,7 +87,7 @@ TEST(LostLocalizer, SearchesTheRetrievedPlaces) {
   Localizer localizer = without_start(c);
   const int looks = localize(localizer);
   EXPECT_EQ(retrieval.queries, looks);
-  const Moment& next = flight(6)[static_cast<std::size_t>(looks)];
+  const Moment next = flight(6)[static_cast<std::size_t>(looks)];
   expect_localized(fly(localizer, next), next);
   EXPECT_EQ(retrieval.queries, looks) << "with a position the place index is not queried";
 }
@@ -113,8 +113,10 @@ TEST(LostLocalizer, UsesTheRetrievedHeading) {
   LocalizerConfig c = area_only();
   c.places = &retrieval;
   Localizer localizer = without_start(c);
-  localize(localizer, moments);
+  fly(localizer, first);
   EXPECT_TRUE(retrieval.any_heading);
+  moments.erase(moments.begin());
+  localize(localizer, moments);
 }
 
 // The ratio test compares with the whole area: a single retrieved place does not become distinctive by being alone.
@@ -229,7 +231,7 @@ TEST(Localizer, FramesTakenOnTheGroundAreNotMatched) {
   localizer.hint(start(), 150);
   standing.time_s += 0.5;
   EXPECT_EQ(localizer.process(short_flight()[2].image, standing).anchor.verdict, AnchorVerdict::not_tried);
-  localize(localizer);
+  localize(localizer, flight(8));
 }
 
 TEST(Localizer, ColdStartOverAnotherLandscapePublishesNothing) {

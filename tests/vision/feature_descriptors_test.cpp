@@ -30,8 +30,9 @@ Tally matched(const std::vector<cv::KeyPoint>& one, const cv::Mat& of_one, const
   Tally tally;
   for (const FeatureMatch& match : unambiguous_matches(FeatureDescriptors(of_one), FeatureDescriptors(of_two), 0.85)) {
     const cv::Point2f from = one[match.first].pt, to = two[match.second].pt;
-    const double x = turned(0, 0) * from.x + turned(0, 1) * from.y + turned(0, 2) - to.x;
-    const double y = turned(1, 0) * from.x + turned(1, 1) * from.y + turned(1, 2) - to.y;
+    const cv::Point2d at(from.x, from.y);
+    const double x = turned(0, 0) * at.x + turned(0, 1) * at.y + turned(0, 2) - static_cast<double>(to.x);
+    const double y = turned(1, 0) * at.x + turned(1, 1) * at.y + turned(1, 2) - static_cast<double>(to.y);
     ++tally.matches;
     if (std::hypot(x, y) < 3) ++tally.right;
   }

@@ -13,7 +13,7 @@ namespace {
 
 constexpr ChannelSet kSix = ChannelSet::six_orientations;
 
-cv::Mat picture() { return test::Landscape(3, 60).map(0.5).image; }  // 240 x 240
+cv::Mat quantized_picture() { return test::Landscape(3, 60).map(0.5).image; }  // 240 x 240
 
 double correlation_of(const QuantizedChannels& one, const QuantizedChannels& other, std::size_t channel) {
   double product = 0, first = 0, second = 0;
@@ -28,7 +28,7 @@ double correlation_of(const QuantizedChannels& one, const QuantizedChannels& oth
 
 // Two ways to the same channels: the smoothing's weights differ a little, the channels hardly.
 TEST(QuantizedChannels, OfAPictureAreThoseOfItsChannels) {
-  const cv::Mat image = picture();
+  const cv::Mat image = quantized_picture();
   cv::Mat mask(image.size(), CV_8UC1, cv::Scalar(255));
   cv::fillConvexPoly(mask, std::vector<cv::Point>{{0, 0}, {60, 0}, {0, 130}}, cv::Scalar(0));
   for (const cv::Mat& valid : {cv::Mat(), mask}) {
@@ -41,7 +41,7 @@ TEST(QuantizedChannels, OfAPictureAreThoseOfItsChannels) {
 }
 
 TEST(QuantizedChannels, OtherSetsAndOptionsAreRounded) {
-  const cv::Mat image = picture();
+  const cv::Mat image = quantized_picture();
   ChannelOptions smoother;
   smoother.sigma_px = 1.5;
   const QuantizedChannels found = quantized_channels(image, {}, kSix, smoother);
@@ -53,7 +53,7 @@ TEST(QuantizedChannels, OtherSetsAndOptionsAreRounded) {
 }
 
 TEST(QuantizedChannels, AreInvariantToContrastReversal) {
-  const cv::Mat image = picture();
+  const cv::Mat image = quantized_picture();
   const QuantizedChannels one = quantized_channels(image, {}, kSix), other = quantized_channels(255 - image, {}, kSix);
   int largest = 0, worst = 0;
   for (int r = 0; r < 240; ++r) {
@@ -68,7 +68,7 @@ TEST(QuantizedChannels, AreInvariantToContrastReversal) {
 
 // What lies beyond the mask must not leak in.
 TEST(QuantizedChannels, TheMaskedBorderIsExcluded) {
-  const cv::Mat image = picture();
+  const cv::Mat image = quantized_picture();
   cv::Mat mask(image.size(), CV_8UC1, cv::Scalar(0)), other = image.clone();
   mask(cv::Rect(40, 30, 150, 160)).setTo(255);
   other.setTo(cv::Scalar(7), mask == 0);
@@ -93,10 +93,10 @@ TEST(QuantizedChannels, BlankAndTinyPicturesHaveNoStructure) {
 }
 
 TEST(QuantizedChannels, HalvesAreMeansOfFour) {
-  cv::Mat mask(picture().size(), CV_8UC1, cv::Scalar(255));
+  cv::Mat mask(quantized_picture().size(), CV_8UC1, cv::Scalar(255));
   mask(cv::Rect(0, 0, 61, 33)).setTo(0);
   for (const cv::Mat& valid : {cv::Mat(), mask}) {
-    const QuantizedChannels whole = quantized_channels(picture(), valid, kSix);
+    const QuantizedChannels whole = quantized_channels(quantized_picture(), valid, kSix);
     for (const cv::Point first : {cv::Point(0, 0), cv::Point(1, 0), cv::Point(1, 1)}) {
       const QuantizedChannels half = whole.halved(first);
       ASSERT_EQ(half.size(), cv::Size((240 - first.x) / 2, (240 - first.y) / 2));
