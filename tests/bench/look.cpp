@@ -10,7 +10,6 @@
 #include <sstream>
 
 #include "base/error.hpp"
-#include "estimation/anchor_acceptance.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
 #include "simulation/camera_sensor.hpp"
@@ -234,7 +233,7 @@ Look take_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_
       make_channel_matcher({scene.camera, *scene.map, frame(), *ground.surface})->match(scene.grey, scene.prior);
   if (match.solved) look.features = features_of(match, scene.prior, scene.searched_area_m2);
   judge(look, scene, match);
-  look.verdict = name_of(evaluate_anchor(match, scene.prior, {0, look.radius_m / 3, false}));
+  look.verdict = !match.on_map ? "no_map" : !match.solved ? "no_pose" : "candidate";
   return look;
 }
 

@@ -23,7 +23,7 @@ struct Look {
   double camera_error_m = -1;
   double camera_sigma_m = 0;  // of the solved position, with what the solver does not model; the larger axis
   double tolerance_m = 25;
-  std::string verdict;  // of the gates, without a prediction to compare with
+  std::string verdict;  // no_map, no_pose, candidate
 
   bool candidate() const { return error_m >= 0; }
   // The same ground, and the camera no farther off than tilt and height leave open. The patches reach beyond the
@@ -33,7 +33,7 @@ struct Look {
            camera_error_m <= tolerance_m + 3 * camera_sigma_m;
   }
   bool holds_place() const { return window == "right" || right(); }
-  bool accepted() const { return verdict == "accepted"; }
+  bool accepted() const { return candidate() && log_likelihood_ratio(features) >= parameters::belief::kUnambiguous; }
 };
 
 using Looks = std::map<std::uint64_t, Look>;

@@ -164,14 +164,14 @@ std::string frame_of(const Panel& p, const std::string& below, const std::string
   return fmt::format("<rect x='{}' y='{}' width='{}' height='{}' fill='none' stroke='#888'/>\n", p.left, p.top, p.width,
                      p.height) +
          text_at(p.left + p.width / 2, p.top + p.height + 40, below, "middle") +
-         text_at(p.left - 46, p.top + p.height / 2, beside, "middle",
-                 fmt::format("transform='rotate(-90 {} {})'", p.left - 46, p.top + p.height / 2));
+         text_at(p.left - 64, p.top + p.height / 2, beside, "middle",
+                 fmt::format("transform='rotate(-90 {} {})'", p.left - 64, p.top + p.height / 2));
 }
 
 std::string reliability_panel(const Looks& looks) {
   const double limit = look_likelihood_table().limit;
   const double reach = std::ceil(limit);
-  const Panel p{70, 30, 360, 360, -reach, reach, -reach, reach};
+  const Panel p{80, 30, 360, 360, -reach, reach, -reach, reach};
   std::string svg = frame_of(p, "stated weight of evidence, nats", "observed, nats");
   for (double tick = -reach + std::fmod(reach, 2); tick <= reach; tick += 2) {
     svg += text_at(p.x(tick), p.top + p.height + 18, fmt::format("{:g}", tick), "middle");
@@ -193,7 +193,7 @@ std::string reliability_panel(const Looks& looks) {
 
 std::string exceedance_panel(const Looks& looks) {
   static constexpr std::array kColours = {"#1b6ca8", "#c0562f", "#4b8b3b", "#7a4b9e", "#b8860b", "#2a9d8f", "#d1495b"};
-  const Panel p{530, 30, 360, 360, 0, 4, -5, 0};  // powers of ten
+  const Panel p{550, 30, 350, 360, 0, 4, -5, 0};  // powers of ten
   std::string svg = frame_of(p, "likelihood ratio t", "share of looks without their place above t");
   for (int power = 0; power <= 4; ++power) {
     svg += text_at(p.x(power), p.top + p.height + 18, fmt::format("{:g}", std::pow(10, power)), "middle");

@@ -1,5 +1,5 @@
 // The knock-out test: frames matched in windows that hold their place and in windows that do not, where every
-// acceptance is false by definition. docs/safety.md argues the gates' thresholds from it.
+// acceptance is false by definition. The likelihood of a look is fitted to such looks (docs/integrity.md).
 #include <iostream>
 #include <opencv2/core/utility.hpp>
 

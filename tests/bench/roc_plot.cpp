@@ -71,7 +71,7 @@ std::string roc_svg(const Looks& looks) {
   const Shares gates = shares_if(looks, [](const Look& t) { return t.accepted(); });
   svg += fmt::format("<circle cx='{:.1f}' cy='{:.1f}' r='6' fill='black'/>\n", x_of(gates.wrong, least),
                      y_of(gates.right));
-  svg += text(kLeft + kWidth - 12, kTop + kHeight - 16, "all gates (dot)", "end");
+  svg += text(kLeft + kWidth - 12, kTop + kHeight - 16, "likelihood ratio 1000 (dot)", "end");
   return svg + "</svg>\n";
 }
 

@@ -12,7 +12,7 @@ std::string row(const std::string& name, const Shares& shares) {
                      shares.wrong_count);
 }
 
-// How good wrong matches are in one measure for a given value of another: what the gates must exclude.
+// How good wrong matches are in one measure for a given value of another: what a likelihood must exclude.
 std::string reach_of_wrong(const Looks& looks) {
   std::string text =
       "| wrong places with a ratio of | number | highest score | highest share of agreeing patches | highest patches | "
@@ -103,10 +103,10 @@ std::string tables(const Looks& looks) {
     }
   }
   const Shares gates = shares_if(looks, [](const Look& t) { return t.accepted(); });
-  text += row("**all gates** (evaluate_anchor)", gates);
+  text += row("**likelihood ratio 1000 and more**", gates);
   const auto knocked_out =
       std::count_if(looks.begin(), looks.end(), [](const auto& entry) { return !entry.second.holds_place(); });
-  text += fmt::format("\n{} windows hold the place, {} do not; the gates accepted {} wrong places",
+  text += fmt::format("\n{} windows hold the place, {} do not; a likelihood ratio of 1000 accepts {} wrong places",
                       looks.size() - static_cast<std::size_t>(knocked_out), knocked_out, gates.wrong_count);
   // With none among n, the rate lies below 3/n with 95 % confidence.
   if (gates.wrong_count == 0 && knocked_out > 0) {
