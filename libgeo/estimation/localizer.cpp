@@ -266,7 +266,6 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
     if (job->match->on_map) result = s.belief.update(look, job->context.track);
     report.anchor = anchor_report(*job->match, job->context, look, result);
     s.window.record_attempt(report.anchor.verdict);
-    if (getenv("DBG")) fprintf(stderr, "L %zu %s lnl %.2f ratio %.2f score %.2f in %d/%d chi2 %.2f doubt %.3g assoc %.3g s %.2f sig %.1f places %zu track %.4g else %.4g\n", job->step, std::string(name_of(report.anchor.verdict)).c_str(), report.anchor.log_likelihood_ratio, report.anchor.ratio, report.anchor.score, report.anchor.inliers, report.anchor.patches, report.anchor.chi2, result.place_doubt, result.association_doubt, job->context.new_ground, std::sqrt(job->context.track.covariance_m2.trace()/2), s.belief.places(), s.belief.track_probability(), s.belief.elsewhere_probability());
     s.matching.last_failed = !result.accepted;
     s.matching.last = {job->time_s, job->segment, job->context.track.position};
     // The filter has not expected it there.

@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "base/error.hpp"
+#include "estimation/map_look.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
 #include "simulation/camera_sensor.hpp"

@@ -84,7 +84,7 @@ std::string chance_table(const Looks& looks) {
 std::string availability_table(const Looks& looks) {
   std::string text = "| looks that hold their place | number | candidate is the place, % |";
   for (const double t : kThresholds) text += fmt::format(" and above {:g}, % |", t);
-  text += " gates accept, % |\n|---|---|---|---|---|---|---|---|---|\n";
+  text += " above 1000, % |\n|---|---|---|---|---|---|---|---|---|\n";
   const auto row = [&](const std::string& name, const LookFilter& filter) {
     int all = 0, right = 0, accepted = 0;
     for (const auto& [index, look] : looks) {

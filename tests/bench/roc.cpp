@@ -28,8 +28,8 @@ int main(int argc, char** argv) {
                                       [&](std::uint64_t i) { return take_look(grounds, {}, options.seed, i); });
     std::cout << tables(looks);
     if (!plot.empty()) write_file_atomic(plot, roc_svg(looks));
-    const Shares gates = shares_if(looks, [](const Look& t) { return t.accepted(); });
-    return gates.wrong_count == 0 ? 0 : 1;
+    const Shares sure = shares_if(looks, [](const Look& t) { return t.accepted(); });
+    return sure.wrong_count == 0 ? 0 : 1;
   } catch (const std::exception& error) {
     std::cerr << "roc: " << error.what() << "\n";
     return 2;

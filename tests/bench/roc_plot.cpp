@@ -68,9 +68,9 @@ std::string roc_svg(const Looks& looks) {
     svg += text(kLeft + kWidth - 12, kTop + kHeight - 106 + 18 * static_cast<double>(i), measures()[i].name + " alone",
                 "end", fmt::format("fill='{}'", kColours[i]).c_str());
   }
-  const Shares gates = shares_if(looks, [](const Look& t) { return t.accepted(); });
-  svg += fmt::format("<circle cx='{:.1f}' cy='{:.1f}' r='6' fill='black'/>\n", x_of(gates.wrong, least),
-                     y_of(gates.right));
+  const Shares sure = shares_if(looks, [](const Look& t) { return t.accepted(); });
+  svg +=
+      fmt::format("<circle cx='{:.1f}' cy='{:.1f}' r='6' fill='black'/>\n", x_of(sure.wrong, least), y_of(sure.right));
   svg += text(kLeft + kWidth - 12, kTop + kHeight - 16, "likelihood ratio 1000 (dot)", "end");
   return svg + "</svg>\n";
 }

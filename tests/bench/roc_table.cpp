@@ -102,14 +102,14 @@ std::string tables(const Looks& looks) {
                   shares_if(looks, accepts));
     }
   }
-  const Shares gates = shares_if(looks, [](const Look& t) { return t.accepted(); });
-  text += row("**likelihood ratio 1000 and more**", gates);
+  const Shares sure = shares_if(looks, [](const Look& t) { return t.accepted(); });
+  text += row("**likelihood ratio 1000 and more**", sure);
   const auto knocked_out =
       std::count_if(looks.begin(), looks.end(), [](const auto& entry) { return !entry.second.holds_place(); });
   text += fmt::format("\n{} windows hold the place, {} do not; a likelihood ratio of 1000 accepts {} wrong places",
-                      looks.size() - static_cast<std::size_t>(knocked_out), knocked_out, gates.wrong_count);
+                      looks.size() - static_cast<std::size_t>(knocked_out), knocked_out, sure.wrong_count);
   // With none among n, the rate lies below 3/n with 95 % confidence.
-  if (gates.wrong_count == 0 && knocked_out > 0) {
+  if (sure.wrong_count == 0 && knocked_out > 0) {
     text += fmt::format(" (95 % confidence: fewer than {:.2f} % are)", 300.0 / static_cast<double>(knocked_out));
   }
   text += "\n\n" + reach_of_wrong(looks) + "\n" + reach_by_share(looks) + "\n" + verdicts(looks);
