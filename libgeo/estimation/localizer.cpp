@@ -325,7 +325,7 @@ std::pair<PlanePoint, double> Localizer::Impl::start_position() const {
 }
 
 PlaneBox Localizer::Impl::around_start() const {
-  return square_around(start ? frame.plane_from_lonlat(*start) : PlanePoint{}, kUnknownArea_m);
+  return square_around(start ? frame.plane_from_lonlat(*start) : PlanePoint{}, config.max_search_radius_m);
 }
 
 // ---- Odometry

@@ -481,7 +481,6 @@ inline constexpr double kNoFixSigma_m = 500;        // beyond this no position i
 inline constexpr double kMapSigma_m = 2.8;          // CE90 of 6 m; for maps whose tiles state none
 inline constexpr double kAssumedAgl_m = 120;        // height until telemetry has one; chosen
 inline constexpr double kMatchAboveSigma_m = 5;     // one axis: the map is searched again; chosen
-inline constexpr double kUnknownArea_m = 20'000;    // half side of where a flight without an area may be; chosen
 inline constexpr double kLeastLostSigma_m = 1000;   // no start and no area: chosen
 inline constexpr double kCorroborationTime_s = 60;  // an anchor farther in time corroborates little; chosen
 inline constexpr double kSharpPrediction_m = 20;    // one axis: a wider prediction agrees with much; as sharp_sigma_m

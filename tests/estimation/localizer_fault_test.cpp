@@ -46,9 +46,14 @@ TEST(FaultyFrames, CloudsHideTheGround) {
   EXPECT_GE(hidden.estimate.sigma_m, config().start_sigma_m * 0.99) << "nothing was learnt";
   const FrameReport clear = localizer.process(short_flight()[1].image, short_flight()[1].telemetry);
   EXPECT_EQ(clear.anchor.verdict, AnchorVerdict::awaiting_votes) << "of these two frames one shows another place";
-  const FrameReport next = localizer.process(short_flight()[2].image, short_flight()[2].telemetry);
-  EXPECT_EQ(next.anchor.verdict, AnchorVerdict::accepted);
-  expect_honest(next, short_flight()[2]);
+  const std::vector<Moment> moments = flight(7);
+  AnchorVerdict last = clear.anchor.verdict;
+  for (std::size_t i = 2; i < moments.size(); ++i) {
+    const FrameReport next = localizer.process(moments[i].image, moments[i].telemetry);
+    expect_honest(next, moments[i]);
+    last = next.anchor.verdict;
+  }
+  EXPECT_EQ(last, AnchorVerdict::accepted);
 }
 
 // One frame of another place in the middle of a flight, as a mixed-up recording has them.
@@ -63,9 +68,11 @@ TEST(FaultyFrames, AFrameFromElsewhereIsRejectedAndForgotten) {
   EXPECT_EQ(report.estimate.source, SourceLabel::dead_reckoned);
   expect_honest(report, moments[1]);
   const FrameReport after = localizer.process(moments[2].image, moments[2].telemetry);
-  EXPECT_EQ(after.anchor.verdict, AnchorVerdict::accepted);
   EXPECT_GT(after.estimate.segment, 0);
   expect_honest(after, moments[2]);
+  const FrameReport next = localizer.process(moments[3].image, moments[3].telemetry);
+  EXPECT_EQ(next.anchor.verdict, AnchorVerdict::accepted);
+  expect_honest(next, moments[3]);
 }
 
 // A picture that overlaps the last one, but from farther on than anything flies meanwhile.
@@ -185,7 +192,7 @@ TEST(FaultyFrames, ATurnThatTheImagesDoNotShowIsUncertain) {
 
 // Over its map such a flight finds its heading and its place again.
 TEST(FaultyFrames, OverAMapAHeadingJumpIsRecovered) {
-  std::vector<Moment> moments = flight(6);
+  std::vector<Moment> moments = flight(10);
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   for (std::size_t i = 0; i < moments.size(); ++i) {
     Moment& moment = moments[i];
@@ -285,22 +292,18 @@ TEST_P(ShiftedMap, IsNotAnchoredWithAKnownStart) {
   }
 }
 
-// A start that the map hardly allows: what one frame said against it weighs as much with the next, although odometry
-// has made the prediction vaguer meanwhile.
+// A start that the map hardly allows: one frame does not overrule it, nor do others of the same ground.
 TEST(FaultyMap, AStartThatTheMapHardlyAllowsNeedsMoreThanOneFrame) {
   LocalizerConfig configured = config();
   configured.start_sigma_m = 12;
   const PlanePoint begin = short_flight()[0].truth.position;
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(),
                       place_of({begin.east_m + 36, begin.north_m - 9}), configured);
-  double said = 0;
   for (const Moment& moment : first_moments()) {
     const FrameReport report = localizer.process(moment.image, moment.telemetry);
     EXPECT_EQ(report.anchor.verdict, AnchorVerdict::awaiting_votes);
     EXPECT_GT(report.anchor.chi2, 8);
     EXPECT_LT(report.anchor.chi2, parameters::belief::kChi2_999);
-    EXPECT_GE(report.anchor.chi2, said);
-    said = report.anchor.chi2;
   }
 }
 
