@@ -8,7 +8,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include "geodesy/angles.hpp"
-#include "vision/feature_descriptors.hpp"
 #include "vision/feature_matching.hpp"
 
 namespace nadir {
@@ -112,8 +111,9 @@ struct FrameFeatures {
 
 FrameFeatures features_of(const OdometryFrame& frame, cv::Feature2D& detector) {
   FrameFeatures features{at_working_size(frame), {}, {}};
-  detector.detect(features.frame.grey, features.points);
-  features.descriptors = FeatureDescriptors(describe_features(features.frame.grey, features.points));
+  cv::Mat descriptors;
+  detector.detectAndCompute(features.frame.grey, cv::noArray(), features.points, descriptors);
+  features.descriptors = FeatureDescriptors(descriptors);
   features.frame.grey.release();
   return features;
 }

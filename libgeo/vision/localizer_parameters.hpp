@@ -121,20 +121,6 @@ inline constexpr double kPatchFrameMargin = 0.04;      // of the image: patches 
 inline constexpr int kPatchAround_px = 2;              // second pass, around the best of the first
 inline constexpr int kChannelReach_px = 8;             // of the channels' smoothing, for the map's margin
 
-// ---- feature descriptors: SIFT's (Lowe 2004), with fewer samples
-
-inline constexpr int kDescriptorCells = 4;              // along each side (Lowe 2004)
-inline constexpr int kDescriptorTurns = 8;              // orientations of a cell (Lowe 2004)
-inline constexpr double kDescriptorCellSigmas = 3;      // side of a cell over the feature's sigma (Lowe 2004)
-inline constexpr float kDescriptorLargestShare = 0.2F;  // of one number in the descriptor's length (Lowe 2004)
-inline constexpr float kDescriptorSteps = 512;          // of a unit length (OpenCV)
-inline constexpr int kDescriptorPositions = 16;         // samples along each side; as many matches as with every pixel
-inline constexpr double kDescriptorReach = 2.5;         // cells to both sides that they span: one half beyond the outer
-inline constexpr int kDescriptorLevels = 3;             // of an octave, as kOctaveLayers of the detector
-inline constexpr int kDescriptorOctaves = 5;            // larger features are described on the last one
-inline constexpr double kDescriptorFirstSigma_px = 0.8;   // SIFT begins with 1.6 pixels of the doubled image
-inline constexpr double kDescriptorCameraSigma_px = 0.5;  // of what a camera shows (Lowe 2004)
-
 // ---- robust Gauss-Newton
 
 inline constexpr double kJacobianStep = 1e-5;            // of central differences: truncation and rounding below 1e-9
