@@ -45,25 +45,6 @@ double larger_eigenvalue(const Eigen::Matrix2d& covariance_m2) {
   return Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance_m2, Eigen::EigenvaluesOnly).eigenvalues()[1];
 }
 
-// What a look says of one hypothesis.
-struct Evidence {
-  double visible = 1, hidden = 1;  // L
-  double believed = 0;             // hit / L of the visible
-};
-
-// expected: likelihood ratio of the candidate where the hypothesis expects it, without P_D. share: q.
-Evidence evidence_of(const Look& look, double expected, double share) {
-  const double foreign = look.continues_track ? kForeignFrame : kForeignBrokenFrame;
-  const double ratio = look.candidate ? std::exp(look.candidate->log_likelihood_ratio) : 0;
-  const double elsewhere = foreign * (1 - kDetection + kDetection * ratio);
-  const double hit = (1 - foreign) * kDetection * expected;
-  Evidence evidence;
-  evidence.visible = hit + (1 - foreign) * (1 - kDetection * share) + elsewhere;
-  evidence.hidden = 1 - foreign + elsewhere;
-  evidence.believed = hit / evidence.visible;
-  return evidence;
-}
-
 }  // namespace
 
 PlaceBelief::PlaceBelief(double track_doubt, const PlaneBox& area)
@@ -111,29 +92,42 @@ void PlaceBelief::change_visibility(double new_ground) {
   for (Place& place : places_) mix(place.weight);
 }
 
-// Both return the weight that is at the candidate from now on; visible, hidden: L; believed: hit / L.
-// A hypothesis that did not believe the last look has made up its mind of the ground in it.
-double PlaceBelief::judge_anew(Weight& weight, double visible, double hidden, double believed, double new_ground) {
-  weight.visible *= std::pow(visible, new_ground);
-  weight.hidden *= std::pow(hidden, new_ground);
-  return weight.visible * (1 - std::pow(1 - believed, new_ground));
+// expected: likelihood ratio of the candidate where the hypothesis expects it, without P_D. share: q.
+PlaceBelief::Evidence PlaceBelief::evidence_of(const Look& look, double expected, double share) {
+  const double foreign = look.continues_track ? kForeignFrame : kForeignBrokenFrame;
+  const double ratio = look.candidate ? std::exp(look.candidate->log_likelihood_ratio) : 0;
+  const double elsewhere = foreign * (1 - kDetection + kDetection * ratio);
+  return {.hit = (1 - foreign) * kDetection * expected,
+          .miss = (1 - foreign) * (1 - kDetection * share) + elsewhere,
+          .hidden = 1 - foreign + elsewhere};
 }
 
-// One that did: against the others the new ground counts. Whether the map still shows the place is a question of this
-// look alone, because it has changed meanwhile (change_visibility()).
-double PlaceBelief::judge_again(Weight& weight, double visible, double hidden, double believed, double new_ground) {
+// Returns the weight that is at the candidate from now on.
+double PlaceBelief::judge(Weight& weight, const Evidence& look, double new_ground) const {
   const double before = weight.total();
+  weight.footprints_since_hit += new_ground;
   if (before <= 0) return 0;
-  visible *= weight.visible;
-  hidden *= weight.hidden;
-  const double after = before * std::pow((visible + hidden) / before, new_ground);
+  // No look at this ground has hit it: a share is hit now.
+  if (weight.footprints_since_hit >= 1) {
+    const double missed = weight.visible * std::pow(look.miss, new_ground);
+    weight.visible *=
+        std::pow(look.visible(), new_ground) * std::pow(1 + look.hit / (looks_at_ground_ * look.miss), 1 - new_ground);
+    weight.hidden *= std::pow(look.hidden, new_ground);
+    return weight.visible - missed;
+  }
+  // What it had of this ground is one look among more. Whether the map still shows the place is a question of this look
+  // alone, because it has changed meanwhile (change_visibility()).
+  const double visible = weight.visible * look.visible(), hidden = weight.hidden * look.hidden;
+  const double kept = (weight.visible * (1 - 1 / looks_at_ground_) + weight.hidden) / before;
+  const double after = before * std::pow((visible + hidden) / before, new_ground) * std::pow(kept, 1 - new_ground);
   weight.visible = after * visible / (visible + hidden);
   weight.hidden = after * hidden / (visible + hidden);
-  return weight.visible * believed;
+  return weight.visible * look.hit / look.visible();
 }
 
 LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
   change_visibility(look.new_ground);
+  looks_at_ground_ = 1 + (1 - look.new_ground) * looks_at_ground_;
   for (Place& place : places_) {
     place.covariance_m2 = grown_m2(place, track.covariance_m2);
     place.track_variance_m2 = track.covariance_m2.trace() / 2;
@@ -147,7 +141,7 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
     double beside = 0;    // the rest of a sharp hypothesis that the candidate agrees with
     double chi2 = 0;
   };
-  const auto weigh = [&](Weight& weight, const Gaussian& place, bool believed_before) {
+  const auto weigh = [&](Weight& weight, const Gaussian& place) {
     Seen seen;
     double expected = 0;
     double in_area = inside(area_, place);
@@ -160,25 +154,21 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
     }
     const double share_of_window = std::min(1.0, inside(look.window, place) / in_area);
     const Evidence evidence = evidence_of(look, expected, share_of_window);
-    seen.believed = (believed_before ? judge_again : judge_anew)(weight, evidence.visible, evidence.hidden,
-                                                                 evidence.believed, look.new_ground);
+    seen.believed = judge(weight, evidence, look.new_ground);
     const bool agrees = look.candidate && one_axis_sigma(place.covariance_m2) <= kSharp_m && seen.chi2 <= kChi2_95;
     if (agrees) seen.beside = weight.total() - seen.believed;
     return seen;
   };
-  const Seen by_track = weigh(track_, {track.position, track.covariance_m2}, track_believed_);
+  const Seen by_track = weigh(track_, {track.position, track.covariance_m2});
   std::vector<Seen> by_place;
   for (Place& place : places_) {
     by_place.push_back(
-        weigh(place.weight, {PlanePoint(track.position.vector() + place.offset_m), place.covariance_m2}, true));
+        weigh(place.weight, {PlanePoint(track.position.vector() + place.offset_m), place.covariance_m2}));
   }
-  const Evidence evidence = evidence_of(look, ratio * share, share);
-  const double from_elsewhere =
-      judge_anew(elsewhere_, evidence.visible, evidence.hidden, evidence.believed, look.new_ground);
+  const double from_elsewhere = judge(elsewhere_, evidence_of(look, ratio * share, share), look.new_ground);
 
   LookResult result;
   result.chi2 = by_track.chi2;
-  track_believed_ = by_track.beside > 0 && by_track.believed > track_.visible / 2;
   if (look.candidate) {
     const bool contradicts = track.stands && !hinted_ && result.chi2 > kChi2_999;
     double total = track_.total() + elsewhere_.total();
@@ -225,7 +215,7 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
       if (anchored_ && at.footprints >= kOverrulingFootprints) at.contradicts = false;
     }
 
-    at.weight = {by_track.believed + from_elsewhere, 0};
+    at.weight = {by_track.believed + from_elsewhere, 0, 0};
     track_.visible -= by_track.believed;
     elsewhere_.visible -= from_elsewhere;
     for (std::size_t i = 0; i < places_.size(); ++i) {
@@ -236,7 +226,7 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
       // What is left of the track: the candidate was a chance peak, and the track is where it was.
       add({track_, Eigen::Vector2d::Zero(), track.covariance_m2, 0, false, 0});
       track_ = at.weight;
-      track_believed_ = anchored_ = true;
+      anchored_ = true;
       hinted_ = false;
     } else if (target < places_.size()) {
       at.weight.visible += places_[target].weight.visible;

@@ -25,8 +25,11 @@
 // With the chance p_f that the frame is not of this moment (a mixed-up recording): L ← (1 - p_f) L + p_f (1 - P_D + P_D
 // ℓ). Weights are multiplied by L; of a visible hypothesis the share hit / L is at z from now on.
 //
-// The same ground is one witness. s is the share of ground that the last look did not show: weights are multiplied by
-// L^s, and what has not believed the candidate of the last look believes only 1 - (1 - hit / L)^s of this one.
+// The same ground is one witness. s is the share of ground that the last look did not show: for it weights are
+// multiplied by L^s. Of n looks at the same ground the mean of L counts, because the mean of likelihood ratios is
+// one, however they depend on each other (Vovk and Wang 2021). It is kept apart by the look that hit: what a look hit
+// before has 1 - 1/n of its weight left, and of what none has hit yet hit / n is at the candidate from now on, both to
+// the power of 1 - s.
 //
 // A displaced map cannot be told from a wrong track by looking at that map. A place that contradicts a track which
 // nothing else contradicts (a start that was given; odometry that leads on from an anchor without a break) counts half:
@@ -109,7 +112,13 @@ class PlaceBelief {
  private:
   struct Weight {
     double visible = 0, hidden = 0;
+    double footprints_since_hit = 1;  // of ground since a look hit it
     double total() const { return visible + hidden; }
+  };
+  // What a look says of one hypothesis: L = hit + miss where the map shows the place, hidden where it does not.
+  struct Evidence {
+    double hit = 0, miss = 1, hidden = 1;
+    double visible() const { return hit + miss; }
   };
   struct Place {
     Weight weight;
@@ -121,16 +130,16 @@ class PlaceBelief {
   };
   // As the track's covariance has grown since.
   static Eigen::Matrix2d grown_m2(const Place& place, const Eigen::Matrix2d& track_covariance_m2);
-  static double judge_anew(Weight& weight, double visible, double hidden, double believed, double new_ground);
-  static double judge_again(Weight& weight, double visible, double hidden, double believed, double new_ground);
+  static Evidence evidence_of(const Look& look, double expected, double share);
+  double judge(Weight& weight, const Evidence& look, double new_ground) const;
   void change_visibility(double new_ground);
   void add(const Place& added);
   void normalize();
 
   PlaneBox area_;
-  bool anchored_ = false;        // the track has moved to a candidate
-  bool track_believed_ = false;  // the last look was a hit of the track
-  bool hinted_ = false;          // since the last anchor
+  bool anchored_ = false;       // the track has moved to a candidate
+  double looks_at_ground_ = 0;  // at what the last frame showed
+  bool hinted_ = false;         // since the last anchor
   Weight track_, elsewhere_;
   std::vector<Place> places_;
 };
