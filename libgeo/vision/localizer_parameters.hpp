@@ -393,7 +393,7 @@ namespace belief {
 // Of a look, given that the map shows the place in the window: the candidate is the true place. [looks]: 0.77 of all
 // clear images, those with an open tilt and in wide windows included.
 inline constexpr double kDetection = 0.8;
-inline constexpr double kInitialVisibility = 0.5;  // before any look, that the map shows the place; ignorance
+inline constexpr double kInitialVisibility = 0.8;  // before any look, that the map shows the place; chosen
 // Over a footprint of new ground: the map begins, or ceases, to show the place. Chosen.
 inline constexpr double kVisibilityChange = 0.05;
 inline constexpr double kForeignFrame = 1e-4;       // the frame is of another moment; chosen …
