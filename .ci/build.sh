@@ -45,11 +45,11 @@ run_tests() {
   [[ $preset != tsan ]] || export OMP_NUM_THREADS=1
   # Some tests preload a clock or a fault into the programs, before the sanitizer's library.
   [[ $preset != asan ]] || export ASAN_OPTIONS=${ASAN_OPTIONS:-verify_asan_link_order=0}
-  # One more than cores: some tests wait for clocks, sockets and servers.
+  # Two more than cores: some tests wait for clocks, sockets and servers.
   local status=0 scratch
   scratch=$(memory_folder)
   [[ -z $scratch ]] || { export TMPDIR=$scratch; trap 'rm -rf -- "$TMPDIR"' EXIT; }
-  ctest --test-dir "$build_folder" --output-on-failure -j "$(($(nproc) + 1))" "$@" </dev/null || status=$?
+  ctest --test-dir "$build_folder" --output-on-failure -j "$(($(nproc) + 2))" "$@" </dev/null || status=$?
   # ctest names what it skipped; this is why.
   grep -hE '^(NOT TESTED|SKIPPED): ' "$build_folder/Testing/Temporary/LastTest.log" | sort -u >&2 || true
   return "$status"
