@@ -39,7 +39,9 @@ double inside(const PlaneBox& box, const Gaussian& place) {
          normal_between(box.south_m, box.north_m, place.mean.north_m, std::sqrt(place.covariance_m2(1, 1)));
 }
 
-double one_axis_sigma(const Eigen::Matrix2d& covariance_m2) { return std::sqrt(covariance_m2.trace() / 2); }
+bool same_place(const Eigen::Vector2d& off, const Eigen::Matrix2d& one_m2, const Eigen::Matrix2d& other_m2) {
+  return chi2_of(off, one_m2) <= kSamePlace_chi2 && chi2_of(off, other_m2) <= kSamePlace_chi2;
+}
 
 double larger_eigenvalue(const Eigen::Matrix2d& covariance_m2) {
   return Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance_m2, Eigen::EigenvaluesOnly).eigenvalues()[1];
@@ -66,8 +68,12 @@ void PlaceBelief::on_hint() {
   for (Place& place : places_) place.contradicts = false;
 }
 
-void PlaceBelief::on_track_corrected(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,
-                                     const Eigen::Matrix2d& covariance_after_m2) {
+void PlaceBelief::on_odometry(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_m2) {
+  on_anchor(by_m, covariance_m2, covariance_m2);
+}
+
+void PlaceBelief::on_anchor(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,
+                            const Eigen::Matrix2d& covariance_after_m2) {
   for (Place& place : places_) {
     place.offset_m -= by_m;
     place.covariance_m2 = grown_m2(place, covariance_before_m2);
@@ -78,6 +84,20 @@ void PlaceBelief::on_track_corrected(const Eigen::Vector2d& by_m, const Eigen::M
 Eigen::Matrix2d PlaceBelief::grown_m2(const Place& place, const Eigen::Matrix2d& track_covariance_m2) {
   const double grown_m2 = std::max(0.0, track_covariance_m2.trace() / 2 - place.track_variance_m2);
   return place.covariance_m2 + grown_m2 * Eigen::Matrix2d::Identity();
+}
+
+// To the frame of a look. A place that hardly differs from the track is the track.
+void PlaceBelief::bring_places_to(const Eigen::Matrix2d& track_covariance_m2) {
+  std::erase_if(places_, [&](Place& place) {
+    place.covariance_m2 = grown_m2(place, track_covariance_m2);
+    place.track_variance_m2 = track_covariance_m2.trace() / 2;
+    const bool is_track = !place.contradicts && same_place(place.offset_m, place.covariance_m2, track_covariance_m2);
+    if (is_track) {
+      track_.visible += place.weight.visible;
+      track_.hidden += place.weight.hidden;
+    }
+    return is_track;
+  });
 }
 
 // The ground changes, or clouds do.
@@ -93,13 +113,20 @@ void PlaceBelief::change_visibility(double new_ground) {
 }
 
 // expected: likelihood ratio of the candidate where the hypothesis expects it, without P_D. share: q.
-PlaceBelief::Evidence PlaceBelief::evidence_of(const Look& look, double expected, double share) {
+PlaceBelief::Evidence PlaceBelief::evidence_of(const Look& look, double expected, double share) const {
+  const double detection = detection_hits_ / detection_looks_;
   const double foreign = look.continues_track ? kForeignFrame : kForeignBrokenFrame;
   const double ratio = look.candidate ? std::exp(look.candidate->log_likelihood_ratio) : 0;
-  const double elsewhere = foreign * (1 - kDetection + kDetection * ratio);
-  return {.hit = (1 - foreign) * kDetection * expected,
-          .miss = (1 - foreign) * (1 - kDetection * share) + elsewhere,
+  const double elsewhere = foreign * (1 - detection + detection * ratio);
+  return {.hit = (1 - foreign) * detection * expected,
+          .miss = (1 - foreign) * (1 - detection * share) + elsewhere,
           .hidden = 1 - foreign + elsewhere};
+}
+
+// Of a miss where the map shows the place: the place was in the window, and the candidate is not it. share: q.
+double PlaceBelief::missed_share(double share) const {
+  const double detection = detection_hits_ / detection_looks_;
+  return (1 - detection) * share / (1 - detection * share);
 }
 
 // Returns the weight that is at the candidate from now on.
@@ -128,17 +155,15 @@ double PlaceBelief::judge(Weight& weight, const Evidence& look, double new_groun
 LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
   change_visibility(look.new_ground);
   looks_at_ground_ = 1 + (1 - look.new_ground) * looks_at_ground_;
-  for (Place& place : places_) {
-    place.covariance_m2 = grown_m2(place, track.covariance_m2);
-    place.track_variance_m2 = track.covariance_m2.trace() / 2;
-  }
+  bring_places_to(track.covariance_m2);
 
   // What the look says of each hypothesis, and how much of it is at the candidate from now on.
   const double window_m2 = look.window.area_m2(), share = std::min(1.0, window_m2 / area_.area_m2());
   const double ratio = look.candidate ? std::exp(look.candidate->log_likelihood_ratio) : 0;
   struct Seen {
     double believed = 0;  // weight
-    double beside = 0;    // the rest of a sharp hypothesis that the candidate agrees with
+    double missed = 0;    // the map shows it in the window, and the candidate is not it
+    double beside = 0;    // of the rest, what lies so near the candidate that a move to it does no harm
     double chi2 = 0;
   };
   const auto weigh = [&](Weight& weight, const Gaussian& place) {
@@ -155,8 +180,11 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
     const double share_of_window = std::min(1.0, inside(look.window, place) / in_area);
     const Evidence evidence = evidence_of(look, expected, share_of_window);
     seen.believed = judge(weight, evidence, look.new_ground);
-    const bool agrees = look.candidate && one_axis_sigma(place.covariance_m2) <= kSharp_m && seen.chi2 <= kChi2_95;
-    if (agrees) seen.beside = weight.total() - seen.believed;
+    seen.missed = missed_share(share_of_window) * (weight.visible - seen.believed);
+    if (look.candidate) {
+      seen.beside =
+          (weight.total() - seen.believed) * inside(square_around(look.candidate->position, kHarmless_m), place);
+    }
     return seen;
   };
   const Seen by_track = weigh(track_, {track.position, track.covariance_m2});
@@ -166,6 +194,18 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
         weigh(place.weight, {PlanePoint(track.position.vector() + place.offset_m), place.covariance_m2}));
   }
   const double from_elsewhere = judge(elsewhere_, evidence_of(look, ratio * share, share), look.new_ground);
+
+  // How often does this camera find the place on this map?
+  double found = by_track.believed + from_elsewhere;
+  double missed = by_track.missed + missed_share(share) * (elsewhere_.visible - from_elsewhere);
+  double all = track_.total() + elsewhere_.total();
+  for (std::size_t i = 0; i < places_.size(); ++i) {
+    found += by_place[i].believed;
+    missed += by_place[i].missed;
+    all += places_[i].weight.total();
+  }
+  detection_hits_ += look.new_ground * found / all;
+  detection_looks_ += look.new_ground * (found + missed) / all;
 
   LookResult result;
   result.chi2 = by_track.chi2;
@@ -246,9 +286,7 @@ void PlaceBelief::add(const Place& added) {
     const Eigen::Vector2d off = added.offset_m - place.offset_m;
     const double all = place.weight.total() + added.weight.total();
     if (place.contradicts != added.contradicts || all <= 0) continue;
-    if (chi2_of(off, place.covariance_m2) > kSamePlace_chi2 || chi2_of(off, added.covariance_m2) > kSamePlace_chi2) {
-      continue;
-    }
+    if (!same_place(off, place.covariance_m2, added.covariance_m2)) continue;
     const double share = added.weight.total() / all;
     place.offset_m += share * off;
     place.covariance_m2 =

@@ -21,6 +21,8 @@
 //
 // where N and q_i are those of the hypothesis inside the area.
 //   L_visible = hit + miss,  L_hidden = 1
+// P_D is the mean of a beta distribution: how often a place is found differs from ground to ground and from camera to
+// camera (the prior, from measured looks), and a flight learns its own from the weights of its looks.
 //
 // With the chance p_f that the frame is not of this moment (a mixed-up recording): L ← (1 - p_f) L + p_f (1 - P_D + P_D
 // ℓ). Weights are multiplied by L; of a visible hypothesis the share hit / L is at z from now on.
@@ -35,9 +37,10 @@
 // nothing else contradicts (a start that was given; odometry that leads on from an anchor without a break) counts half:
 // the other half is the track, over a displaced map.
 //
-// Decision. The track moves to z when all but kMaxPlaceDoubt of the weight is there: hits, and sharp hypotheses that z
-// agrees with; and when z is then no chance peak beside the truth but for kMaxAssociationDoubt. What is left of the
-// track stays where it was, as a place. Otherwise z becomes a place, and nothing is moved.
+// Decision. The track moves to z when all but kMaxPlaceDoubt of the weight is there: hits, and what lies within
+// kHarmless_m of z, where the next look searches as well; and when z is then no chance peak beside the truth but for
+// kMaxAssociationDoubt. What is left of the track stays where it was, as a place. Otherwise z becomes a place, and
+// nothing is moved. A place that comes to lie where the track is becomes the track.
 //
 // Protection level. The least radius around the published position that holds all but the integrity risk of the whole
 // mixture. A Gaussian with the larger eigenvalue σ² of its covariance, at a distance o, is outside r with at most
@@ -52,6 +55,7 @@
 
 #include "geodesy/plane_point.hpp"
 #include "geodesy/region.hpp"
+#include "vision/localizer_parameters.hpp"
 
 namespace nadir {
 
@@ -91,10 +95,12 @@ class PlaceBelief {
   // Time passes, during which the track may have become wrong without a sign.
   void propagate(double seconds);
   LookResult update(const Look& look, const TrackPrediction& track);
-  // The filter has corrected where the track was: with an accepted candidate, or by odometry, which measures earlier
-  // displacements as well. Places stay where they are.
-  void on_track_corrected(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,
-                          const Eigen::Matrix2d& covariance_after_m2);
+  // Odometry has measured how the aircraft moved, which is what every place did too: they grow as the track has grown
+  // since. by_m: of the track's past, by what odometry says of earlier displacements. Places stay where they are.
+  void on_odometry(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_m2);
+  // The filter has moved the track to an accepted candidate. Places stay where they are, and as wide.
+  void on_anchor(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,
+                 const Eigen::Matrix2d& covariance_after_m2);
   // An operator says that the aircraft may be somewhere else: places that contradict the track count in full.
   void on_hint();
 
@@ -130,7 +136,9 @@ class PlaceBelief {
   };
   // As the track's covariance has grown since.
   static Eigen::Matrix2d grown_m2(const Place& place, const Eigen::Matrix2d& track_covariance_m2);
-  static Evidence evidence_of(const Look& look, double expected, double share);
+  Evidence evidence_of(const Look& look, double expected, double share) const;
+  double missed_share(double share) const;
+  void bring_places_to(const Eigen::Matrix2d& track_covariance_m2);
   double judge(Weight& weight, const Evidence& look, double new_ground) const;
   void change_visibility(double new_ground);
   void add(const Place& added);
@@ -140,6 +148,8 @@ class PlaceBelief {
   bool anchored_ = false;       // the track has moved to a candidate
   double looks_at_ground_ = 0;  // at what the last frame showed
   bool hinted_ = false;         // since the last anchor
+  // P_D = hits / looks at ground that the map shows, with those of the prior.
+  double detection_hits_ = parameters::belief::kDetectionHits, detection_looks_ = parameters::belief::kDetectionLooks;
   Weight track_, elsewhere_;
   std::vector<Place> places_;
 };

@@ -372,11 +372,10 @@ bool Localizer::Impl::update_with_odometry(const cv::Mat& grey, OdometryReport& 
     step.contradicted_turn_rad = turn_rad;
     filter->inflate_heading(turn_rad);
   } else {
-    const Eigen::Matrix2d before_m2 = filter->position_covariance_m2();
     const Eigen::Vector2d correction_m = filter->update_relative(measurement);
     published.withheld_m += correction_m;
     matching.corrected_m += correction_m;
-    belief.on_track_corrected(correction_m, before_m2, filter->position_covariance_m2());
+    belief.on_odometry(correction_m, filter->position_covariance_m2());
     step.relative_motion = measurement;
   }
   step.wrong_course_sigma_m = course.on_step(contradicted, filter->sigma(FlightFilter::heading), report.step_m);
@@ -575,8 +574,8 @@ FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const Anchor
   last_anchor = LastAnchor{job.time_s, match.solved->pose.position, match.solved->inliers, match.search.ratio};
   published.withheld_m.setZero();
   matching.last->position = filter->position();
-  belief.on_track_corrected(filter->position() - job.context.track.position, job.context.track.covariance_m2,
-                            filter->position_covariance_m2());
+  belief.on_anchor(filter->position() - job.context.track.position, job.context.track.covariance_m2,
+                   filter->position_covariance_m2());
   operator_hint.reset();
   placed = true;
   tracking.on_anchor(job.segment == tracking.segment());

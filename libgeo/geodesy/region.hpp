@@ -29,6 +29,11 @@ struct PlaneBox {
   double area_m2() const { return (east_m - west_m) * (north_m - south_m); }
 };
 
+inline PlaneBox square_around(PlanePoint middle, double half_side_m) {
+  return {middle.east_m - half_side_m, middle.north_m - half_side_m, middle.east_m + half_side_m,
+          middle.north_m + half_side_m};
+}
+
 struct Corridor {
   PlanePath path;
   double half_width_m = 0;  // round caps and joints: every point within this distance of the path

@@ -7,11 +7,6 @@
 #include "geodesy/web_mercator.hpp"
 
 namespace nadir {
-PlaneBox square_around(PlanePoint middle, double half_side_m) {
-  return {middle.east_m - half_side_m, middle.north_m - half_side_m, middle.east_m + half_side_m,
-          middle.north_m + half_side_m};
-}
-
 MapWindow cropped_to_map(const MapWindow& map, double margin_m) {
   const int margin = static_cast<int>(std::ceil(margin_m / map.gsd_m));
   const cv::Rect box = cv::boundingRect(map.mask);

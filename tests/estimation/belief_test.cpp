@@ -66,8 +66,49 @@ TEST(Belief, AVagueLookMovesNothingAndIsRemembered) {
 TEST(Belief, LooksAtNewGroundThatAgreeMoveTheTrackTogether) {
   LookFlight flight = known_start(50);
   int looks = 1;
-  while (!flight.fly(Eigen::Vector2d(40, 0), 5).accepted) ASSERT_LT(++looks, 5);
+  while (!flight.fly(Eigen::Vector2d(40, 0), 4).accepted) ASSERT_LT(++looks, 5);
   EXPECT_GT(looks, 1);
+}
+
+// A vague look after one that left a sharp place: the place lies beyond what the candidate's error explains.
+LookResult look_beside_a_place(double distance_m) {
+  PlaceBelief belief(kStartDoubt, kArea);
+  belief.update(look_at({0, 0}, 60, PlanePoint(distance_m, 0), 4), track({0, 0}, 20));
+  EXPECT_EQ(belief.places(), 1U);
+  return belief.update(look_at({0, 0}, 60, PlanePoint(0, 0), 7), track({0, 0}, 20));
+}
+
+TEST(Belief, APlaceThatTheNextLookSearchesAsWellIsNoDoubt) {
+  EXPECT_LT(look_beside_a_place(22).place_doubt, kMaxPlaceDoubt);
+  EXPECT_GT(look_beside_a_place(45).place_doubt, kMaxPlaceDoubt);
+}
+
+TEST(Belief, PlacesGrowAsTheTrackDoesThatOdometryPropagates) {
+  PlaceBelief belief(kStartDoubt, kArea);
+  belief.update(look_at({0, 0}, 150, PlanePoint(60, 0), 2), track({0, 0}, 30));
+  ASSERT_EQ(belief.places(), 1U);
+  const double seen_m = *belief.protection_level_m(circle(30), 1e-2, circle(0));
+  for (int i = 0; i < 50; ++i) belief.on_odometry({0, 0}, circle(30 + 0.001 * i));
+  EXPECT_NEAR(*belief.protection_level_m(circle(30.05), 1e-2, circle(0)), seen_m, 3);
+}
+
+TEST(Belief, AFlightThatFindsItsPlaceExpectsToFindIt) {
+  const auto far_look = [](LookFlight& flight) {
+    return flight.belief.update(look_at({0, 0}, 1000, PlanePoint(30, 0), 6), track({0, 0}, 400, false));
+  };
+  LookFlight fresh = known_start(), found = known_start();
+  for (int i = 0; i < 20; ++i) EXPECT_TRUE(found.fly(Eigen::Vector2d(0, 0), 6).accepted) << i;
+  const double doubt = far_look(found).place_doubt;
+  EXPECT_LT(doubt, far_look(fresh).place_doubt / 3);
+}
+
+TEST(Belief, APlaceWhereTheTrackIsBecomesTheTrack) {
+  LookFlight flight = known_start();
+  flight.fly(Eigen::Vector2d(1, 1), 0);
+  ASSERT_EQ(flight.belief.places(), 1U);
+  flight.fly(std::nullopt, 0);
+  EXPECT_EQ(flight.belief.places(), 0U);
+  EXPECT_NEAR(flight.belief.track_probability() + flight.belief.elsewhere_probability(), 1, 1e-12);
 }
 
 TEST(Belief, LooksAtTheSameGroundAreOneWitness) {
