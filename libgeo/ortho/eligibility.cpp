@@ -45,8 +45,9 @@ FrameEligibility check_pose_eligible(const FramePose& pose, double frame_gsd_m, 
 }
 
 std::optional<OrthoRefusal> check_image_eligible(const FrameQuality& quality, const EligibilityLimits& limits) {
-  if (quality.usable && quality.sharpness >= limits.min_sharpness) return std::nullopt;
-  return OrthoRefusal::frame_unfit;
+  const bool fit =
+      quality.usable && quality.sharpness >= limits.min_sharpness && quality.contrast >= limits.min_frame_contrast;
+  return fit ? std::nullopt : std::optional(OrthoRefusal::frame_unfit);
 }
 
 std::optional<OrthoRefusal> check_blur_eligible(std::optional<double> blur_px, double tile_px,

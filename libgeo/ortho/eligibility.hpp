@@ -16,8 +16,9 @@ struct EligibilityLimits {
   double candidate_sigma_m = 3;  // 1-sigma position error of the frame per axis
   double soft_sigma_m = 5;
   double max_anchor_age_s = 0.5;
-  double max_coarseness = 2;    // ground sample distance of the frame over that of the tile
-  double min_sharpness = 0.02;  // of the frame, as FrameQuality has it
+  double max_coarseness = 2;      // ground sample distance of the frame over that of the tile
+  double min_sharpness = 0.02;    // of the frame, as FrameQuality has it
+  double min_frame_contrast = 5;  // likewise; grey levels
   double max_blur_px =
       1.8;  // of the image that tiles are resampled from (image_blur.hpp), a little finer than the tile
   double max_tile_blur_px = 1.5;    // allowed in any case, in pixels of the tile

@@ -59,10 +59,15 @@ FrameQuality measure_frame_quality(const cv::Mat& grey, const QualityLimits& lim
   cv::Mat small;
   const double factor = kQualityWidth_px / std::max(grey.cols, grey.rows);
   cv::resize(grey, small, cv::Size(), factor, factor, factor < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
-  cv::Scalar mean, deviation;
+  cv::Mat coarse;
+  const double coarser = kContrastWidth_px / kQualityWidth_px;
+  const auto coarse_side = [coarser](int side) { return std::max(1, cvRound(coarser * side)); };
+  cv::resize(small, coarse, cv::Size(coarse_side(small.cols), coarse_side(small.rows)), 0, 0, cv::INTER_AREA);
+  cv::Scalar mean, deviation, coarse_deviation;
   cv::meanStdDev(small, mean, deviation);
+  cv::meanStdDev(coarse, {}, coarse_deviation);
   quality.mean = mean[0];
-  quality.contrast = deviation[0];
+  quality.contrast = coarse_deviation[0];
   const int clipped = cv::countNonZero(small <= kClippedDark) + cv::countNonZero(small >= kClippedBright);
   quality.clipped_share = clipped / static_cast<double>(small.total());
   const ImageGradient gradient = image_gradient(small);

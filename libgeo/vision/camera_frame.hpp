@@ -24,9 +24,9 @@ cv::Mat decode_camera_frame(ByteView encoded, const CameraModel& camera, int red
 
 struct FrameQuality {
   double mean = 0;           // grey level, 0-255
-  double contrast = 0;       // standard deviation of the grey levels
+  double contrast = 0;       // standard deviation of the grey levels at a width of 80 pixels: hardly the sensor's noise
   double clipped_share = 0;  // pixels at 0-2 or 253-255
-  double sharpness = 0;      // mean gradient over contrast, at a fixed width of 320 pixels
+  double sharpness = 0;      // mean gradient over the standard deviation of the grey levels, at a width of 320 pixels
   bool usable = false;
 };
 

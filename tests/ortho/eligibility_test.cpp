@@ -66,6 +66,10 @@ TEST(Eligibility, RejectsBlurredFrames) {
   quality.sharpness = 0.01;
   EXPECT_EQ(check_image_eligible(quality, {}), OrthoRefusal::frame_unfit);
   quality.sharpness = 0.06;
+  quality.contrast = 3;
+  EXPECT_EQ(check_image_eligible(quality, {}), OrthoRefusal::frame_unfit)
+      << "the map may be matched at dusk, tiles are not made";
+  quality.contrast = 40;
   quality.usable = false;
   EXPECT_EQ(check_image_eligible(quality, {}), OrthoRefusal::frame_unfit);
 }

@@ -30,6 +30,7 @@ TEST(FrameQuality, BlackAndWhiteAreUnusable) {
   }
   EXPECT_FALSE(measure_frame_quality({}).usable);
   EXPECT_FALSE(measure_frame_quality(cv::Mat(1, 1, CV_8UC1, cv::Scalar(7))).usable);
+  EXPECT_FALSE(measure_frame_quality(cv::Mat(2, 1000, CV_8UC1, cv::Scalar(7))).usable);
 }
 
 // A covered lens is black but for the sensor's noise.
@@ -54,8 +55,22 @@ TEST(FrameQuality, OverexposedIsUnusable) {
 
 TEST(FrameQuality, HazeIsUnusable) {
   cv::Mat haze;
-  normal().convertTo(haze, CV_8U, 0.08, 170);
-  EXPECT_FALSE(measure_frame_quality(haze).usable) << "a contrast of 3 grey levels";
+  normal().convertTo(haze, CV_8U, 0.03, 170);
+  EXPECT_FALSE(measure_frame_quality(haze).usable) << "a contrast of 1 grey level";
+}
+
+// Dusk: little light, and the sensor's noise.
+TEST(FrameQuality, ADarkPictureIsUsable) {
+  cv::Mat dusk = normal();
+  Random random(1);
+  for (int r = 0; r < dusk.rows; ++r) {
+    for (int c = 0; c < dusk.cols; ++c) {
+      auto& value = dusk.at<std::uint8_t>(r, c);
+      value = cv::saturate_cast<std::uint8_t>(8 + 0.1 * value + random.normal(0, 3));
+    }
+  }
+  const FrameQuality quality = measure_frame_quality(dusk);
+  EXPECT_TRUE(quality.usable) << quality.contrast;
 }
 
 TEST(FrameQuality, HeavyBlurIsUnusable) {
