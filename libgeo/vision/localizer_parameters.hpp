@@ -166,6 +166,28 @@ inline constexpr double kAnchorHeadingSigma_rad = 0.05;  // defaults of a prior;
 inline constexpr double kAnchorLogAglSigma = 0.05;
 inline constexpr double kAnchorTiltVariance_rad2 = 0.003;
 
+// ---- SIFT features. Lowe 2004 unless stated otherwise.
+
+inline constexpr double kSiftSigma_px = 1.6;          // of the first scale, in pixels of the doubled image
+inline constexpr double kSiftInputBlur_px = 0.5;      // of what a camera delivers
+inline constexpr double kSiftBlurReach = 3.5;         // of a kernel, in σ: beyond lie 0.05 %; numerical
+inline constexpr int kSiftMinOctave_px = 16;          // shorter side of the smallest; beyond it frames have no features
+inline constexpr int kSiftBorder_px = 5;              // of an octave, without features; chosen
+inline constexpr double kSiftSieve = 0.5;             // of the least contrast, before refinement; chosen
+inline constexpr int kSiftRefinements = 5;            // of an extremum, each at a neighbouring pixel; chosen
+inline constexpr double kSiftEdgeRatio = 10;          // of principal curvatures; larger ones are edges
+inline constexpr int kSiftOrientationBins = 36;       // 10° each
+inline constexpr double kSiftOrientationSigma = 1.5;  // of the window, in the feature's scales
+inline constexpr double kSiftOrientationReach = 3;    // of the window, in its σ; numerical
+inline constexpr double kSiftSecondPeak = 0.8;        // of the highest: another direction
+inline constexpr int kSiftCells = 4;                  // a side
+inline constexpr int kSiftDirections = 8;             // of a cell's histogram
+inline constexpr double kSiftCellWidth = 3;           // in the feature's scales; OpenCV's value
+inline constexpr double kSiftLargest = 0.2;           // of the descriptor's length: larger values are cut
+inline constexpr double kSiftLength = 512;            // of the descriptor: few values are beyond 255; OpenCV's value
+// Abramowitz and Stegun 4.4.49: odd powers of the arcus tangent, good to 1e-5 rad.
+inline constexpr std::array<double, 5> kArcusTangent{0.9998660, -0.3302995, 0.1801410, -0.0851330, 0.0208351};
+
 // ---- place descriptor. What is here decides the vectors: a change is a new kPlaceDescriptorName.
 
 inline constexpr double kCellSoftness = 0.6;     // sigma of a cell's weight, in cells (docs/formats/place-index.md)
