@@ -89,6 +89,8 @@ inline constexpr double kWorthShrinking = 0.95;       // of the map, likewise as
 inline constexpr std::size_t kChunksPerPlace = 8;  // neighbouring chunks overlap, and all of them look like the place
 // Of a chunk's side: the index is good to a sixth of it, and a frame is not as large as the chunk; chosen.
 inline constexpr double kRetrievedReach = 0.35;
+// Windows of an area: the frame is prepared once for so many; their spectra take 6 MB each; ./run bench latency.
+inline constexpr std::size_t kSweptTogether = 4;
 inline constexpr std::size_t kFewCandidates = 2;  // of a window where its one place or its best rival is asked for
 inline constexpr double kKnownTurn_rad = 0.12;    // half of the index's step of headings and some more …
 inline constexpr double kUnknownTurn_rad = 0.17;  // … where it tries all 24
