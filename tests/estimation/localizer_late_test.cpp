@@ -101,6 +101,31 @@ TEST(LateAnchor, AHealthyFlightIsMatchedAfterSomeDistance) {
                                    AnchorVerdict::not_tried}));
 }
 
+// A start that a person gave may be wrong, which no sigma shows: one look alone does not settle it.
+TEST(LateAnchor, ADoubtfulTrackIsMatchedAtOnce) {
+  LocalizerConfig sparing = config();
+  sparing.anchor_every_m = 1000;
+  const double certain_m = sparing.anchor_above_sigma_m * std::sqrt(-2 * std::log(sparing.integrity_risk));
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), sparing);
+  int doubtful = 0, certain = 0;
+  std::optional<Estimate> before;
+  for (const Moment& moment : flight(12)) {
+    const FrameReport report = localizer.process(moment.image, moment.telemetry);
+    if (before) {
+      const bool doubt = !before->hpl_m || *before->hpl_m > 2 * certain_m;
+      const bool sure = before->hpl_m && *before->hpl_m < certain_m / 2;
+      if (doubt) EXPECT_NE(report.anchor.verdict, AnchorVerdict::not_tried) << moment.telemetry.frame;
+      if (sure) EXPECT_EQ(report.anchor.verdict, AnchorVerdict::not_tried) << moment.telemetry.frame;
+      doubtful += doubt && before->sigma_m < sparing.anchor_above_sigma_m ? 1 : 0;
+      certain += sure ? 1 : 0;
+    }
+    before = report.estimate;
+    RecordProperty(moment.telemetry.frame, std::to_string(before->hpl_m.value_or(-1)));
+  }
+  EXPECT_GT(doubtful, 0);
+  EXPECT_GT(certain, 0);
+}
+
 TEST(LateAnchor, TheStateEstimateIsReported) {
   Localizer localizer = fresh();
   FrameReport report;
