@@ -2,6 +2,8 @@
 // an immediate one.
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <optional>
 #include <thread>
 
 #include "estimation/localizer.hpp"
@@ -120,7 +122,6 @@ TEST(LateAnchor, ADoubtfulTrackIsMatchedAtOnce) {
       certain += sure ? 1 : 0;
     }
     before = report.estimate;
-    RecordProperty(moment.telemetry.frame, std::to_string(before->hpl_m.value_or(-1)));
   }
   EXPECT_GT(doubtful, 0);
   EXPECT_GT(certain, 0);
