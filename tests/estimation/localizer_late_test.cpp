@@ -116,8 +116,9 @@ TEST(LateAnchor, ADoubtfulTrackIsMatchedAtOnce) {
     if (before) {
       const bool doubt = !before->hpl_m || *before->hpl_m > 2 * certain_m;
       const bool sure = before->hpl_m && *before->hpl_m < certain_m / 2;
-      if (doubt) EXPECT_NE(report.anchor.verdict, AnchorVerdict::not_tried) << moment.telemetry.frame;
-      if (sure) EXPECT_EQ(report.anchor.verdict, AnchorVerdict::not_tried) << moment.telemetry.frame;
+      const bool tried = report.anchor.verdict != AnchorVerdict::not_tried;
+      EXPECT_FALSE(doubt && !tried) << moment.telemetry.frame;
+      EXPECT_FALSE(sure && tried) << moment.telemetry.frame;
       doubtful += doubt && before->sigma_m < sparing.anchor_above_sigma_m ? 1 : 0;
       certain += sure ? 1 : 0;
     }
