@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
-#include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "geodesy/angles.hpp"
 #include "vision/feature_matching.hpp"
+#include "vision/sift_features.hpp"
 
 namespace nadir {
 namespace {
@@ -105,24 +105,21 @@ namespace {
 
 struct FrameFeatures {
   OdometryFrame frame;  // without its image
-  std::vector<cv::KeyPoint> points;
-  FeatureDescriptors descriptors;
+  SiftFeatures features;
 };
 
-FrameFeatures features_of(const OdometryFrame& frame, cv::Feature2D& detector) {
-  FrameFeatures features{at_working_size(frame), {}, {}};
-  cv::Mat descriptors;
-  detector.detectAndCompute(features.frame.grey, cv::noArray(), features.points, descriptors);
-  features.descriptors = FeatureDescriptors(descriptors);
-  features.frame.grey.release();
-  return features;
+FrameFeatures features_of(const OdometryFrame& frame) {
+  FrameFeatures result{at_working_size(frame), {}};
+  result.features = sift_features(result.frame.grey, {kMaxFeatures, kOctaveLayers, kSiftContrast});
+  result.frame.grey.release();
+  return result;
 }
 
-PixelPairs matched_pixels(const FrameFeatures& before, const FrameFeatures& now) {
+PixelPairs matched_pixels(const SiftFeatures& before, const SiftFeatures& now) {
   PixelPairs pairs;
   for (const FeatureMatch& match : unambiguous_matches(now.descriptors, before.descriptors, kMatchRatio)) {
-    pairs.before.push_back(before.points[match.second].pt);
-    pairs.now.push_back(now.points[match.first].pt);
+    pairs.before.push_back(before.points[match.second]);
+    pairs.now.push_back(now.points[match.first]);
   }
   return pairs;
 }
@@ -130,10 +127,11 @@ PixelPairs matched_pixels(const FrameFeatures& before, const FrameFeatures& now)
 class FeatureOdometry final : public OdometryFrontEnd {
  public:
   std::optional<OdometryStep> track(const OdometryFrame& frame) override {
-    FrameFeatures now = features_of(frame, *detector_);
+    FrameFeatures now = features_of(frame);
     std::optional<OdometryStep> step;
     if (last_) {
-      if (auto measured = measure_motion(last_->frame, now.frame, matched_pixels(*last_, now))) step = measured->step;
+      if (auto measured = measure_motion(last_->frame, now.frame, matched_pixels(last_->features, now.features)))
+        step = measured->step;
     }
     last_ = std::move(now);
     return step;
@@ -142,7 +140,6 @@ class FeatureOdometry final : public OdometryFrontEnd {
   void reset() override { last_.reset(); }
 
  private:
-  cv::Ptr<cv::Feature2D> detector_ = cv::SIFT::create(kMaxFeatures, kOctaveLayers, kSiftContrast);
   std::optional<FrameFeatures> last_;
 };
 

@@ -311,79 +311,60 @@ TemplateNorm::TemplateNorm(const Channels& shape, const WindowSpectra& window, d
   }
 }
 
-// The scores of one or two templates. With W the spectrum of a real channel of the window, and a and b that channel of
-// both templates, the inverse transform of W · conj(spectrum of a - ib) is (their product with a) + i (that with b).
-class ScoreSurfaces {
- public:
-  ScoreSurfaces(const Channels& one, const Channels* other, const WindowSpectra& window, const TemplateNorm& norm)
-      : window_(window), norm_(norm), surfaces_(other == nullptr ? 1 : 2), inverse_norms_(surfaces_.size()) {
-    const FourierTransform& transform = window.transform_;
-    std::array<double, 2> energies{};
-    for (std::size_t p = 0; p < one.pairs.size(); ++p) {
-      std::vector<CentredPair> both;
-      for (const Channels* pattern : {&one, other}) {
-        if (pattern == nullptr) continue;
-        CV_Assert(pattern->mask.size() == norm.template_size_);
-        CV_Assert(2 * pattern->pairs.size() == window.parts_.front().channels.size());
-        both.push_back(centred(pattern->pairs[p], pattern->mask, window.means_removed_));
-        energies[both.size() - 1] += both.back().energy;
-      }
-      for (const int channel : {0, 1}) {
-        ComplexImage image = channel_of(both[0].image, channel);
-        for (std::size_t r = 0; other != nullptr && r < image.rows(); ++r) {
-          const float* from = channel == 0 ? both[1].image.real(r) : both[1].image.imaginary(r);
-          std::transform(from, from + image.columns(), image.imaginary(r), std::negate<>());
-        }
-        channels_.push_back(transform.forward(image));
-      }
+TemplateSpectra::TemplateSpectra(const Channels& one, const Channels* other, const WindowSpectra& window)
+    : template_size_(one.mask.size()), window_size_(window.window_size_) {
+  const FourierTransform& transform = window.transform_;
+  CV_Assert(other == nullptr || other->mask.size() == template_size_);
+  std::vector<double> energies(other == nullptr ? 1 : 2);
+  for (std::size_t p = 0; p < one.pairs.size(); ++p) {
+    std::vector<CentredPair> both;
+    for (const Channels* pattern : {&one, other}) {
+      if (pattern == nullptr) continue;
+      CV_Assert(2 * pattern->pairs.size() == window.parts_.front().channels.size());
+      both.push_back(centred(pattern->pairs[p], pattern->mask, window.means_removed_));
+      energies[both.size() - 1] += both.back().energy;
     }
-    const double area = static_cast<double>(transform.rows() * transform.columns());
-    for (std::size_t i = 0; i < surfaces_.size(); ++i) {
-      surfaces_[i].create(norm.inverse_norm_.size(), CV_32FC1);
-      inverse_norms_[i] =
-          static_cast<float>(energies[i] > kMinTemplateEnergy ? 1.0 / (std::sqrt(energies[i]) * area) : 0.0);
+    for (const int channel : {0, 1}) {
+      ComplexImage image = channel_of(both[0].image, channel);
+      for (std::size_t r = 0; other != nullptr && r < image.rows(); ++r) {
+        const float* from = channel == 0 ? both[1].image.real(r) : both[1].image.imaginary(r);
+        std::transform(from, from + image.columns(), image.imaginary(r), std::negate<>());
+      }
+      channels_.push_back(transform.forward(image));
     }
   }
-
-  std::vector<cv::Mat> scores() && {
-    const FourierTransform& transform = window_.transform_;
-    ComplexImage product(transform.columns(), transform.rows());
-    for (const WindowSpectra::Part& part : window_.parts_) {
-      const cv::Rect here = part.placements & cv::Rect(cv::Point(), norm_.inverse_norm_.size());
-      if (here.empty()) continue;
-      for (std::size_t k = 0; k < channels_.size(); ++k) multiply(part.channels[k], channels_[k], k > 0, product);
-      const ComplexImage placed = transform.inverse(product, size_of(here.height), size_of(here.width));
-      for (int r = 0; r < here.height; ++r) {
-        write(placed.real(size_of(r)), here, r, 0);
-        if (surfaces_.size() == 2) write(placed.imaginary(size_of(r)), here, r, 1);
-      }
-    }
-    return std::move(surfaces_);
+  const double area = static_cast<double>(transform.rows() * transform.columns());
+  for (const double energy : energies) {
+    inverse_norms_.push_back(static_cast<float>(energy > kMinTemplateEnergy ? 1.0 / (std::sqrt(energy) * area) : 0.0));
   }
-
- private:
-  void write(const float* from, const cv::Rect& here, int row, std::size_t which) {
-    const auto* factor = norm_.inverse_norm_.ptr<float>(here.y + row) + here.x;
-    auto* to = surfaces_[which].ptr<float>(here.y + row) + here.x;
-    const float inverse_norm = inverse_norms_[which];
-    for (int c = 0; c < here.width; ++c) to[c] = factor[c] > 0 ? from[c] * factor[c] * inverse_norm : -1.0F;
-  }
-
-  const WindowSpectra& window_;
-  const TemplateNorm& norm_;
-  std::vector<ComplexImage> channels_;  // spectra of the templates' channels
-  std::vector<cv::Mat> surfaces_;
-  std::vector<float> inverse_norms_;
-};
-
-cv::Mat correlate(const Channels& pattern, const WindowSpectra& window, const TemplateNorm& norm) {
-  return ScoreSurfaces(pattern, nullptr, window, norm).scores().front();
 }
 
-std::array<cv::Mat, 2> correlate(const Channels& one, const Channels& other, const WindowSpectra& window,
-                                 const TemplateNorm& norm) {
-  const std::vector<cv::Mat> both = ScoreSurfaces(one, &other, window, norm).scores();
-  return {both[0], both[1]};
+std::vector<cv::Mat> TemplateSpectra::scores(const WindowSpectra& window, const TemplateNorm& norm) const {
+  CV_Assert(norm.template_size_ == template_size_ && window.window_size_ == window_size_);
+  const FourierTransform& transform = window.transform_;
+  std::vector<cv::Mat> surfaces;
+  for (std::size_t i = 0; i < inverse_norms_.size(); ++i) surfaces.emplace_back(norm.inverse_norm_.size(), CV_32FC1);
+  ComplexImage product(transform.columns(), transform.rows());
+  for (const WindowSpectra::Part& part : window.parts_) {
+    const cv::Rect here = part.placements & cv::Rect(cv::Point(), norm.inverse_norm_.size());
+    if (here.empty()) continue;
+    for (std::size_t k = 0; k < channels_.size(); ++k) multiply(part.channels[k], channels_[k], k > 0, product);
+    const ComplexImage placed = transform.inverse(product, size_of(here.height), size_of(here.width));
+    for (std::size_t i = 0; i < surfaces.size(); ++i) {
+      const float inverse_norm = inverse_norms_[i];
+      for (int r = 0; r < here.height; ++r) {
+        const float* from = i == 0 ? placed.real(size_of(r)) : placed.imaginary(size_of(r));
+        const auto* factor = norm.inverse_norm_.ptr<float>(here.y + r) + here.x;
+        auto* to = surfaces[i].ptr<float>(here.y + r) + here.x;
+        for (int c = 0; c < here.width; ++c) to[c] = factor[c] > 0 ? from[c] * factor[c] * inverse_norm : -1.0F;
+      }
+    }
+  }
+  return surfaces;
+}
+
+cv::Mat correlate(const Channels& pattern, const WindowSpectra& window, const TemplateNorm& norm) {
+  return TemplateSpectra(pattern, nullptr, window).scores(window, norm).front();
 }
 
 Peak best_peak(const cv::Mat& scores) {

@@ -5,9 +5,9 @@
 // with all means and norms under the template's mask. Subtracting each channel's mean matters: without it the score
 // follows the map's texture density and is hundreds of metres off.
 //
-// Two implementations of one score: by FFT for all placements in a window (WindowSpectra, correlate), and as a direct
-// sum over integers for the few placements around an expected position (LocalTemplate), where that is far cheaper, and
-// the same on every processor.
+// Two implementations of one score: by FFT for all placements in a window (WindowSpectra, TemplateSpectra), and as a
+// direct sum over integers for the few placements around an expected position (LocalTemplate), where that is far
+// cheaper, and the same on every processor.
 #pragma once
 
 #include <array>
@@ -33,7 +33,7 @@ class WindowSpectra {
 
  private:
   friend class TemplateNorm;
-  friend class ScoreSurfaces;
+  friend class TemplateSpectra;
 
   struct Part {
     cv::Rect placements;
@@ -56,19 +56,32 @@ class TemplateNorm {
   TemplateNorm(const Channels& shape, const WindowSpectra& window, double min_valid = kMinValidShare);
 
  private:
-  friend class ScoreSurfaces;
+  friend class TemplateSpectra;
   cv::Size template_size_;
   cv::Mat inverse_norm_;  // 1 / |M(u)|, 0 where the placement does not count
 };
 
-// Scores (CV_32FC1) of every placement: pixel (x, y) is for the template's top-left corner at (x, y) of the window.
-// Size: window − template + 1. Placements that do not count score −1. The template must fit into the window and have
-// the size that `norm` was made for.
+// The template's side: one or two templates, transformed once for any number of windows of one size. Two take little
+// more than one: with W the spectrum of a real channel of the window, and a and b that channel of both templates, the
+// inverse transform of W · conj(spectrum of a - ib) is (their product with a) + i (that with b).
+class TemplateSpectra {
+ public:
+  // window: one of those; the template fits into it. other: of the same size, or null.
+  TemplateSpectra(const Channels& one, const Channels* other, const WindowSpectra& window);
+
+  // Scores (CV_32FC1) of every placement for each template: pixel (x, y) is for the template's top-left corner at (x,
+  // y) of the window. Size: window − template + 1. Placements that do not count score −1. The template must have the
+  // size that `norm` was made for.
+  std::vector<cv::Mat> scores(const WindowSpectra& window, const TemplateNorm& norm) const;
+
+ private:
+  cv::Size template_size_, window_size_;
+  std::vector<ComplexImage> channels_;
+  std::vector<float> inverse_norms_;  // of each template
+};
+
+// Of one template in one window.
 cv::Mat correlate(const Channels& pattern, const WindowSpectra& window, const TemplateNorm& norm);
-// Of two templates, for less than the price of two: the scores of the one are the real part of what is transformed
-// back, those of the other the imaginary part.
-std::array<cv::Mat, 2> correlate(const Channels& one, const Channels& other, const WindowSpectra& window,
-                                 const TemplateNorm& norm);
 
 // A local maximum of a score surface, to a fraction of a pixel (parabola through the neighbours).
 struct Peak {

@@ -1,5 +1,7 @@
 #include "vision/feature_matching.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <opencv2/core.hpp>
@@ -40,16 +42,19 @@ NADIR_FOR_WIDE_REGISTERS Nearest nearest_of(const std::int16_t* wanted, std::int
 FeatureDescriptors::FeatureDescriptors(const cv::Mat& rows) {
   if (rows.empty()) return;
   CV_Assert(rows.type() == CV_32FC1 && rows.cols == static_cast<int>(kLength));
-  values_.reserve(static_cast<std::size_t>(rows.rows) * kLength);
+  std::array<std::int16_t, kLength> descriptor;
   for (int r = 0; r < rows.rows; ++r) {
-    std::int32_t square = 0;
-    for (std::size_t k = 0; k < kLength; ++k) {
-      const auto value = static_cast<std::int16_t>(std::lround(rows.ptr<float>(r)[k]));
-      values_.push_back(value);
-      square += value * value;
-    }
-    squares_.push_back(square);
+    std::transform(rows.ptr<float>(r), rows.ptr<float>(r) + kLength, descriptor.begin(),
+                   [](float value) { return static_cast<std::int16_t>(std::lround(value)); });
+    add(descriptor);
   }
+}
+
+void FeatureDescriptors::add(std::span<const std::int16_t, kLength> descriptor) {
+  values_.insert(values_.end(), descriptor.begin(), descriptor.end());
+  std::int32_t square = 0;
+  for (const std::int16_t value : descriptor) square += value * value;
+  squares_.push_back(square);
 }
 
 std::vector<FeatureMatch> unambiguous_matches(const FeatureDescriptors& first, const FeatureDescriptors& second,

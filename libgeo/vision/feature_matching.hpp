@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <opencv2/core/mat.hpp>
+#include <span>
 #include <vector>
 
 namespace nadir {
@@ -18,6 +19,8 @@ class FeatureDescriptors {
   FeatureDescriptors() = default;
   // rows: CV_32FC1, one descriptor of 128 whole numbers from 0 to 255 a row; empty for none.
   explicit FeatureDescriptors(const cv::Mat& rows);
+
+  void add(std::span<const std::int16_t, kLength> descriptor);  // whole numbers from 0 to 255
 
   std::size_t size() const { return squares_.size(); }
   const std::int16_t* at(std::size_t i) const { return values_.data() + i * kLength; }

@@ -92,6 +92,8 @@ inline constexpr double kWorthShrinking = 0.95;       // of the map, likewise as
 inline constexpr std::size_t kChunksPerPlace = 8;  // neighbouring chunks overlap, and all of them look like the place
 // Of a chunk's side: the index is good to a sixth of it, and a frame is not as large as the chunk; chosen.
 inline constexpr double kRetrievedReach = 0.35;
+// Windows of an area: the frame is prepared once for so many; their spectra take 6 MB each; ./run bench latency.
+inline constexpr std::size_t kSweptTogether = 4;
 inline constexpr std::size_t kFewCandidates = 2;  // of a window where its one place or its best rival is asked for
 inline constexpr double kKnownTurn_rad = 0.12;    // half of the index's step of headings and some more …
 inline constexpr double kUnknownTurn_rad = 0.17;  // … where it tries all 24
@@ -168,6 +170,28 @@ inline constexpr std::size_t kCachedMapTiles = 1024;     // 64 MiB in grey, twic
 inline constexpr double kAnchorHeadingSigma_rad = 0.05;  // defaults of a prior; the localizer sets them
 inline constexpr double kAnchorLogAglSigma = 0.05;
 inline constexpr double kAnchorTiltVariance_rad2 = 0.003;
+
+// ---- SIFT features. Lowe 2004 unless stated otherwise.
+
+inline constexpr double kSiftSigma_px = 1.6;          // of the first scale, in pixels of the doubled image
+inline constexpr double kSiftInputBlur_px = 0.5;      // of what a camera delivers
+inline constexpr double kSiftBlurReach = 3.5;         // of a kernel, in σ: beyond lie 0.05 %; numerical
+inline constexpr int kSiftMinOctave_px = 16;          // shorter side of the smallest; beyond it frames have no features
+inline constexpr int kSiftBorder_px = 5;              // of an octave, without features; chosen
+inline constexpr double kSiftSieve = 0.5;             // of the least contrast, before refinement; chosen
+inline constexpr int kSiftRefinements = 5;            // of an extremum, each at a neighbouring pixel; chosen
+inline constexpr double kSiftEdgeRatio = 10;          // of principal curvatures; larger ones are edges
+inline constexpr int kSiftOrientationBins = 36;       // 10° each
+inline constexpr double kSiftOrientationSigma = 1.5;  // of the window, in the feature's scales
+inline constexpr double kSiftOrientationReach = 3;    // of the window, in its σ; numerical
+inline constexpr double kSiftSecondPeak = 0.8;        // of the highest: another direction
+inline constexpr int kSiftCells = 4;                  // a side
+inline constexpr int kSiftDirections = 8;             // of a cell's histogram
+inline constexpr double kSiftCellWidth = 3;           // in the feature's scales; OpenCV's value
+inline constexpr double kSiftLargest = 0.2;           // of the descriptor's length: larger values are cut
+inline constexpr double kSiftLength = 512;            // of the descriptor: few values are beyond 255; OpenCV's value
+// Abramowitz and Stegun 4.4.49: odd powers of the arcus tangent, good to 1e-5 rad.
+inline constexpr std::array<double, 5> kArcusTangent{0.9998660, -0.3302995, 0.1801410, -0.0851330, 0.0208351};
 
 // ---- place descriptor. What is here decides the vectors: a change is a new kPlaceDescriptorName.
 

@@ -5,6 +5,8 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
+#include <span>
+#include <utility>
 
 #include "geodesy/angles.hpp"
 #include "vision/correlation.hpp"
@@ -109,41 +111,15 @@ std::vector<MatchHypothesis> distinct(std::vector<MatchHypothesis> hypotheses, d
   return kept;
 }
 
-std::vector<MatchHypothesis> sweep(const ReducedFrame& frame, const ScaledMap& map, const SearchPrior& prior,
-                                   const std::vector<HeadingAndHeight>& trials, const SearchOptions& options,
-                                   std::size_t count) {
-  const ChannelSet set = options.features.sweep;
-  const auto grid = template_grid(frame.camera, prior.pose, trials, map.gsd_m);
-  if (!grid || grid->columns > map.image.cols || grid->rows > map.image.rows) return {};
-  const WindowSpectra window(oriented_channels(map.image, map.mask, set, options.features.channels),
-                             {grid->columns, grid->rows});
-  const auto seen_under = [&](const HeadingAndHeight& trial) {
-    return channels_of(rectify(frame, with(prior.pose, trial, {}), *grid), set, options);
-  };
-  // The denominator varies little over the sweep: one, from the middle trial, serves all.
-  const TemplateNorm norm(seen_under(trials[trials.size() / 2]), window);
-  std::vector<MatchHypothesis> hypotheses;
-  const auto keep_peaks = [&](const HeadingAndHeight& trial, const cv::Mat& scores) {
-    const cv::Rect part = searched_part(map, *grid, prior, scores.size());
-    if (part.empty()) return;
-    for (const Peak& peak : distinct_peaks(scores(part), count, options.distinct_m / map.gsd_m)) {
-      MatchHypothesis hypothesis;
-      hypothesis.pose = with(prior.pose, trial, camera_of(map, *grid, peak.x + part.x, peak.y + part.y));
-      hypothesis.coarse_score = peak.score;
-      hypotheses.push_back(hypothesis);
-    }
-  };
-  for (std::size_t i = 0; i < trials.size(); i += 2) {
-    options.cancel.check();
-    if (i + 1 == trials.size()) {
-      keep_peaks(trials[i], correlate(seen_under(trials[i]), window, norm));
-    } else {
-      const auto [one, other] = correlate(seen_under(trials[i]), seen_under(trials[i + 1]), window, norm);
-      keep_peaks(trials[i], one);
-      keep_peaks(trials[i + 1], other);
+std::vector<HeadingAndHeight> around(const HeadingAndHeight& middle, double heading_range, double heading_step,
+                                     double scale_range, double scale_step) {
+  std::vector<HeadingAndHeight> trials;
+  for (const double scale : steps(scale_range, scale_step)) {
+    for (const double turn : steps(heading_range, heading_step)) {
+      trials.push_back({middle.heading_rad + turn, middle.agl_m * (1 + scale)});
     }
   }
-  return distinct(std::move(hypotheses), options.distinct_m, &MatchHypothesis::coarse_score, count);
+  return trials;
 }
 
 HeadingAndHeight trial_of(const MatchHypothesis& hypothesis) {
@@ -200,15 +176,112 @@ void confirm(MatchHypothesis& hypothesis, const ReducedFrame& frame, const Scale
   }
 }
 
-std::vector<HeadingAndHeight> around(const HeadingAndHeight& middle, double heading_range, double heading_step,
-                                     double scale_range, double scale_step) {
-  std::vector<HeadingAndHeight> trials;
-  for (const double scale : steps(scale_range, scale_step)) {
-    for (const double turn : steps(heading_range, heading_step)) {
-      trials.push_back({middle.heading_rad + turn, middle.agl_m * (1 + scale)});
+// The search of one window. The sweep is at half the resolution: four times fewer pixels, and the confirmation corrects
+// it.
+struct WindowSearch {
+  WindowSearch(const cv::Mat& grey, const CameraModel& camera, const MapWindow& window, const SearchPrior& search_prior,
+               const SearchOptions& search_options)
+      : prior(search_prior),
+        options(search_options),
+        map(shrink(window, options.gsd_m)),
+        frame(reduce_frame(grey, camera, prior.pose.agl_m, map.gsd_m)),
+        sweep_map(shrink(window, options.gsd_m * kSweepReduction)) {}
+
+  SearchPrior prior;
+  SearchOptions options;
+  ScaledMap map;
+  ReducedFrame frame;
+  ScaledMap sweep_map;
+  std::vector<MatchHypothesis> places;
+
+  // The frame looks the same in both sweeps.
+  bool sweeps_as(const WindowSearch& other) const {
+    const CameraPose &one = prior.pose, &two = other.prior.pose;
+    return map.gsd_m == other.map.gsd_m && sweep_map.gsd_m == other.sweep_map.gsd_m &&
+           sweep_map.image.size() == other.sweep_map.image.size() &&
+           one.attitude.heading_rad == two.attitude.heading_rad && one.attitude.pitch_rad == two.attitude.pitch_rad &&
+           one.attitude.roll_rad == two.attitude.roll_rad && one.agl_m == two.agl_m &&
+           prior.heading_range_rad == other.prior.heading_range_rad && prior.scale_range == other.prior.scale_range;
+  }
+};
+
+// Windows of one sweep: each template is rectified and transformed once for all of them.
+void sweep(std::span<WindowSearch> windows) {
+  const WindowSearch& any = windows.front();
+  const SearchOptions& options = any.options;
+  const ChannelSet set = options.features.sweep;
+  const double gsd_m = any.sweep_map.gsd_m;
+  const auto trials = around({any.prior.pose.attitude.heading_rad, any.prior.pose.agl_m}, any.prior.heading_range_rad,
+                             options.heading_step_rad, any.prior.scale_range, options.scale_step);
+  const ReducedFrame frame = reduce_frame(any.frame.image, any.frame.camera, any.prior.pose.agl_m, gsd_m);
+  const auto grid = template_grid(frame.camera, any.prior.pose, trials, gsd_m);
+  const cv::Size size = any.sweep_map.image.size();
+  if (!grid || grid->columns > size.width || grid->rows > size.height) return;
+  const auto seen_under = [&](const HeadingAndHeight& trial) {
+    return channels_of(rectify(frame, with(any.prior.pose, trial, {}), *grid), set, options);
+  };
+  std::vector<WindowSpectra> spectra;
+  std::vector<TemplateNorm> norms;
+  // The denominator varies little over the sweep: one, from the middle trial, serves all.
+  const Channels middle = seen_under(trials[trials.size() / 2]);
+  for (const WindowSearch& window : windows) {
+    const ScaledMap& map = window.sweep_map;
+    spectra.emplace_back(oriented_channels(map.image, map.mask, set, options.features.channels),
+                         cv::Size(grid->columns, grid->rows));
+    norms.emplace_back(middle, spectra.back());
+  }
+  const auto count_of = [&](const WindowSearch& window) {
+    return options.candidates * (window.prior.radius_m > kWideRadius_px * options.gsd_m ? kWideCandidates : 1);
+  };
+  const auto keep_peaks = [&](WindowSearch& window, const HeadingAndHeight& trial, const cv::Mat& scores) {
+    const cv::Rect part = searched_part(window.sweep_map, *grid, window.prior, scores.size());
+    if (part.empty()) return;
+    for (const Peak& peak : distinct_peaks(scores(part), count_of(window), options.distinct_m / gsd_m)) {
+      MatchHypothesis hypothesis;
+      hypothesis.pose =
+          with(window.prior.pose, trial, camera_of(window.sweep_map, *grid, peak.x + part.x, peak.y + part.y));
+      hypothesis.coarse_score = peak.score;
+      window.places.push_back(hypothesis);
+    }
+  };
+  for (std::size_t i = 0; i < trials.size(); i += 2) {
+    options.cancel.check();
+    const bool pair = i + 1 < trials.size();
+    const Channels one = seen_under(trials[i]);
+    const std::optional<Channels> other = pair ? std::optional(seen_under(trials[i + 1])) : std::nullopt;
+    const TemplateSpectra patterns(one, pair ? &*other : nullptr, spectra.front());
+    for (std::size_t w = 0; w < windows.size(); ++w) {
+      const std::vector<cv::Mat> scores = patterns.scores(spectra[w], norms[w]);
+      for (std::size_t k = 0; k < scores.size(); ++k) keep_peaks(windows[w], trials[i + k], scores[k]);
     }
   }
-  return trials;
+  for (WindowSearch& window : windows) {
+    window.places =
+        distinct(std::move(window.places), options.distinct_m, &MatchHypothesis::coarse_score, count_of(window));
+  }
+}
+
+// After the sweep.
+SearchResult confirm_places(WindowSearch& window) {
+  const SearchOptions& options = window.options;
+  std::vector<MatchHypothesis>& places = window.places;
+  const int slack = static_cast<int>(std::ceil(2 * window.sweep_map.gsd_m / window.map.gsd_m));
+  MapChannels ground(window.map.image, window.map.mask, options.features.fine, options.features.channels);
+  cover_all(ground, places, window.frame, window.map, slack);
+  for (MatchHypothesis& hypothesis : places)
+    confirm(hypothesis, window.frame, window.map, ground, {trial_of(hypothesis)}, slack, options);
+  // The two best are compared over the headings and scales between the sweep's steps.
+  std::stable_sort(places.begin(), places.end(),
+                   [](const MatchHypothesis& one, const MatchHypothesis& other) { return one.score > other.score; });
+  for (std::size_t i = 0; i < std::min(kRefinedCandidates, places.size()); ++i) {
+    MatchHypothesis& hypothesis = places[i];
+    const double turn = options.heading_step_rad / 2, scale = options.scale_step / 2;
+    confirm(hypothesis, window.frame, window.map, ground, around(trial_of(hypothesis), turn, turn, 0, 1),
+            kRefineSlack_px, options);
+    confirm(hypothesis, window.frame, window.map, ground, around(trial_of(hypothesis), 0, 1, scale, scale),
+            kRefineSlack_px, options);
+  }
+  return best_of(std::move(places), options);
 }
 
 // The frame north-up, around the ground point under the camera.
@@ -273,35 +346,10 @@ std::vector<SearchPrior> retrieved_windows(const AreaQuery& query, const PlaceRe
 
 SearchResult search_window(const cv::Mat& grey, const CameraModel& camera, const MapWindow& map,
                            const SearchPrior& prior, const SearchOptions& options) {
-  const HeadingAndHeight middle{prior.pose.attitude.heading_rad, prior.pose.agl_m};
-  const auto wide =
-      around(middle, prior.heading_range_rad, options.heading_step_rad, prior.scale_range, options.scale_step);
-  const ScaledMap confirm_map = shrink(map, options.gsd_m);
-  const ReducedFrame frame = reduce_frame(grey, camera, prior.pose.agl_m, confirm_map.gsd_m);
-  // Swept at half the resolution: four times fewer pixels, and the confirmation corrects it.
-  const ScaledMap sweep_map = shrink(map, options.gsd_m * kSweepReduction);
-  const bool wide_window = prior.radius_m > kWideRadius_px * options.gsd_m;
-
-  SearchResult result;
-  result.places = sweep(reduce_frame(frame.image, frame.camera, prior.pose.agl_m, sweep_map.gsd_m), sweep_map, prior,
-                        wide, options, options.candidates * (wide_window ? kWideCandidates : 1));
-  const int slack = static_cast<int>(std::ceil(2 * sweep_map.gsd_m / confirm_map.gsd_m));
-  MapChannels ground(confirm_map.image, confirm_map.mask, options.features.fine, options.features.channels);
-  cover_all(ground, result.places, frame, confirm_map, slack);
-  for (MatchHypothesis& hypothesis : result.places)
-    confirm(hypothesis, frame, confirm_map, ground, {trial_of(hypothesis)}, slack, options);
-  // The two best are compared over the headings and scales between the sweep's steps.
-  std::stable_sort(result.places.begin(), result.places.end(),
-                   [](const MatchHypothesis& one, const MatchHypothesis& other) { return one.score > other.score; });
-  for (std::size_t i = 0; i < std::min(kRefinedCandidates, result.places.size()); ++i) {
-    MatchHypothesis& hypothesis = result.places[i];
-    const double turn = options.heading_step_rad / 2, scale = options.scale_step / 2;
-    confirm(hypothesis, frame, confirm_map, ground, around(trial_of(hypothesis), turn, turn, 0, 1), kRefineSlack_px,
-            options);
-    confirm(hypothesis, frame, confirm_map, ground, around(trial_of(hypothesis), 0, 1, scale, scale), kRefineSlack_px,
-            options);
-  }
-  return best_of(std::move(result.places), options);
+  std::vector<WindowSearch> windows;
+  windows.emplace_back(grey, camera, map, prior, options);
+  sweep(windows);
+  return confirm_places(windows.front());
 }
 
 SearchResult best_of(std::vector<MatchHypothesis> hypotheses, const SearchOptions& options) {
@@ -315,19 +363,27 @@ SearchResult best_of(std::vector<MatchHypothesis> hypotheses, const SearchOption
 
 AreaHypotheses search_windows(const AreaQuery& query, const std::vector<SearchPrior>& windows) {
   AreaHypotheses all;
+  std::vector<WindowSearch> together;
+  const auto finish = [&] {
+    if (!together.empty()) sweep(together);
+    for (WindowSearch& window : together) {
+      const SearchResult found = confirm_places(window);
+      all.places.insert(all.places.end(), found.places.begin(), found.places.end());
+    }
+    together.clear();
+  };
   for (const SearchPrior& search : windows) {
     query.options.cancel.check();
-    const PlanePoint middle = search.pose.position;
-    const double half_m = search.radius_m + query.reach_m;
-    const MapWindow window = query.map.read(
-        query.frame, {middle.east_m - half_m, middle.north_m - half_m, middle.east_m + half_m, middle.north_m + half_m},
-        query.options.gsd_m, Colour::grey);
+    const MapWindow window =
+        query.map.read(query.frame, square_around(search.pose.position, search.radius_m + query.reach_m),
+                       query.options.gsd_m, Colour::grey);
     if (cv::countNonZero(window.mask) == 0) continue;
     all.on_map = true;
-    const SearchResult found =
-        search_window(query.grey, query.camera, cropped_to_map(window, query.reach_m / 2), search, query.options);
-    all.places.insert(all.places.end(), found.places.begin(), found.places.end());
+    WindowSearch next(query.grey, query.camera, cropped_to_map(window, query.reach_m / 2), search, query.options);
+    if (together.size() == kSweptTogether || (!together.empty() && !next.sweeps_as(together.front()))) finish();
+    together.push_back(std::move(next));
   }
+  finish();
   return all;
 }
 

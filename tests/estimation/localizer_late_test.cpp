@@ -2,6 +2,8 @@
 // an immediate one.
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <optional>
 #include <thread>
 
 #include "estimation/localizer.hpp"
@@ -99,6 +101,31 @@ TEST(LateAnchor, AHealthyFlightIsMatchedAfterSomeDistance) {
   }
   EXPECT_EQ(verdicts, (std::vector{AnchorVerdict::accepted, AnchorVerdict::not_tried, AnchorVerdict::not_tried,
                                    AnchorVerdict::not_tried}));
+}
+
+// A start that a person gave may be wrong, which no sigma shows: one look alone does not settle it.
+TEST(LateAnchor, ADoubtfulTrackIsMatchedAtOnce) {
+  LocalizerConfig sparing = config();
+  sparing.anchor_every_m = 1000;
+  const double certain_m = sparing.anchor_above_sigma_m * std::sqrt(-2 * std::log(sparing.integrity_risk));
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), sparing);
+  int doubtful = 0, certain = 0;
+  std::optional<Estimate> before;
+  for (const Moment& moment : flight(12)) {
+    const FrameReport report = localizer.process(moment.image, moment.telemetry);
+    if (before) {
+      const bool doubt = !before->hpl_m || *before->hpl_m > 2 * certain_m;
+      const bool sure = before->hpl_m && *before->hpl_m < certain_m / 2;
+      const bool tried = report.anchor.verdict != AnchorVerdict::not_tried;
+      EXPECT_FALSE(doubt && !tried) << moment.telemetry.frame;
+      EXPECT_FALSE(sure && tried) << moment.telemetry.frame;
+      doubtful += doubt && before->sigma_m < sparing.anchor_above_sigma_m ? 1 : 0;
+      certain += sure ? 1 : 0;
+    }
+    before = report.estimate;
+  }
+  EXPECT_GT(doubtful, 0);
+  EXPECT_GT(certain, 0);
 }
 
 TEST(LateAnchor, TheStateEstimateIsReported) {
