@@ -3,7 +3,8 @@
 // constants of file formats. docs/parameters.md is made from this file; tests/structure/check_parameters.py holds both
 // to it.
 //
-// Origins, in brackets: [safety N] is segment N of the Monte Carlo in docs/safety.md, [roc] its knock-out test,
+// Origins, in brackets: [safety N] is segment N of the Monte Carlo in docs/safety.md, [looks] the looks with
+// known answers of docs/integrity.md,
 // [turns], [consistency], [flights], [ablations] the benches of that name in docs/benchmarks.md, all of November 2026.
 // "Chosen": an engineer's estimate, set when the module was written; no measurement of this number is recorded.
 // "Numerical": guards degenerate cases and stops iterations.
@@ -253,7 +254,7 @@ inline constexpr double kNoiseTexture = 4.5;
 inline constexpr int kNoiseSide_px = 1024;          // of the noise field; a larger frame repeats it
 inline constexpr double kMinTypicalTexture = 1e-6;  // no division by zero
 inline constexpr double kMinEdgeStrength = 1e-9;    // no structure, no entropy; numerical
-// A frame of which a place competes more closely, or that correlates less, hardly anchors alone; [roc].
+// A frame of which a place competes more closely, or that correlates less, hardly anchors alone; [looks].
 inline constexpr double kGoodRatio = 0.80;
 inline constexpr double kLeastScore = 0.16;
 inline constexpr double kMaxMatchabilityRatio = 2;  // above 1 another place fits better, by how much does not matter

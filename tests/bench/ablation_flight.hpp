@@ -32,7 +32,7 @@ struct FlownMap {
 struct MatchingFigures {
   std::size_t frames = 0;
   std::size_t anchored = 0, wrong = 0;           // wrong: accepted, the matched position more than kWrongAnchor_m off
-  std::size_t awaiting = 0, awaiting_wrong = 0;  // that only the sequence test rejected
+  std::size_t awaiting = 0, awaiting_wrong = 0;  // for more looks
   std::vector<double> error_m;                   // of the estimates in the anchored frames
   std::vector<double> attempt_ms;                // CPU
 };

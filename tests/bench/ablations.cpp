@@ -37,8 +37,8 @@ void print_flight(const std::string& name, const MatchingFigures& f) {
   std::fflush(stdout);
 }
 
-// Frames that awaited corroboration, accepted immediately.
-void print_without_sequence(const std::string& name, const MatchingFigures& f) {
+// Frames whose place was found, but awaited more looks: accepted at once.
+void print_all_candidates(const std::string& name, const MatchingFigures& f) {
   fmt::print("| {} | {:.0f} | {} | | | | |\n", name, percent(f.anchored + f.awaiting, f.frames),
              f.wrong + f.awaiting_wrong);
 }
@@ -50,17 +50,17 @@ void print_flights(const RecordedFlight& recorded, const FlownMap& map) {
   for (const Variant& variant : matcher_variants()) {
     const MatchingFigures figures = fly(recorded, map, variant.matcher, recorded.truth.front());
     print_flight(variant.name, figures);
-    if (variant.name == "full") print_without_sequence("without sequence test", figures);
+    if (variant.name == "full") print_all_candidates("every candidate accepted", figures);
   }
   if (!map.config.area) return;
   const MatchingFigures lost = fly(recorded, map, make_channel_matcher, std::nullopt);
   print_flight("full, no start known", lost);
-  print_without_sequence("the same without sequence test", lost);
+  print_all_candidates("the same, every candidate accepted", lost);
 }
 
 void print_searches(const RecordedFlight& recorded, const FlownMap& map) {
   fmt::print(
-      "\n| each frame by itself, ±{:.0f} m, no gates | best place right % | median ratio | CPU ms "
+      "\n| each frame by itself, ±{:.0f} m, the best place | best place right % | median ratio | CPU ms "
       "|\n|---|---|---|---|\n",
       kSearchRadius_m);
   for (const Variant& variant : matcher_variants()) {

@@ -42,7 +42,6 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   looks         labelled looks at maps of painted and real ground (--resume FILE; seeds below 1000 train, from 1000000 on judge)
   integrity     looks that cannot be right, unseen seeds and imagery: how often the likelihood ratio claims they are (--resume FILE; hours)
   fit-likelihood  the likelihood ratio of a look, fitted to such looks and written as a table (--looks FILE...)
-  roc           frames matched where their place is and where it is not: what each threshold lets through (--resume FILE)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).
 NADIR_BENCH_VENV=DIR: a Python virtual environment with rio-mbtiles and rio-cogeo. mbtiles and pmtiles are taken from
@@ -106,7 +105,6 @@ part() {
     looks)        one_program bench_looks && build/bin/bench_looks "$@" ;;
     integrity)    one_program bench_integrity && build/bin/bench_integrity "$@" ;;
     fit-likelihood) one_program bench_fit_likelihood && build/bin/bench_fit_likelihood "$@" ;;
-    roc)          one_program bench_roc && build/bin/bench_roc "$@" ;;
   esac
 }
 
@@ -116,8 +114,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, tiles, ortho, sync, contract, looks, integrity, fit-likelihood, roc; kill with 50 moments (./run bench kill)" ;;
-  build | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | tiles | ortho | sync | contract | looks | integrity | fit-likelihood | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
+  build | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac
