@@ -1,0 +1,65 @@
+// How looks in a row depend on each other: two frames that share ground, matched in the same kind of window, and
+// whether a chance peak of the first is there again in the second.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "look.hpp"
+#include "look_rates.hpp"
+
+namespace nadir::bench {
+
+struct RepeatedLook {
+  std::uint64_t index = 0;
+  std::string ground, window, picture;
+  double new_ground = 1;  // LooksInARow's
+  struct One {
+    bool candidate = false, right = false;
+    double log_likelihood_ratio = 0;
+    Eigen::Vector2d off_m = Eigen::Vector2d::Zero();  // of the position, from the truth
+    double sigma_m = 0;                               // one axis, as the belief takes it
+  } first, second;
+
+  bool chance_first() const { return first.candidate && !first.right; }
+  // The second candidate is where the first one was, as far as the belief can tell.
+  bool seen_again() const;
+};
+
+using RepeatedLooks = std::map<std::uint64_t, RepeatedLook>;
+
+std::string repeated_header(std::uint64_t base_seed, const LookPlan& plan, const Grounds& grounds);
+std::string line(const RepeatedLook& look);
+RepeatedLook repeated_look_of(const std::string& line);                // throws Error for anything else
+RepeatedLooks read_repeated_looks(const std::filesystem::path& path);  // throws Error for another file
+RepeatedLook take_repeated_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed,
+                                std::uint64_t index);
+
+// Counted rates by the share of new ground, for chance peaks with a weight of evidence below and above zero.
+struct RepeatRates {
+  static constexpr std::array kNewGround = {0.1, 0.25, 0.5, 0.75, 1.0, 1.5};  // middles
+  struct Bin {
+    std::array<CountedShare, 2> seen_again;  // weak, strong
+    CountedShare same_side;                  // of true places: the errors of both are less than 90° apart
+  };
+  std::array<Bin, kNewGround.size()> bins;
+  std::vector<double> change_nats;  // second less first weight of evidence, of peaks that were seen again
+
+  static std::size_t bin_of(double new_ground);
+  // Upper bound of 95 % that a chance peak is seen again.
+  double upper(double new_ground, bool strong) const { return upper_[bin_of(new_ground)][strong ? 1 : 0]; }
+  // Likewise, that the error of a true place is that of the last one; else it lies on the same side half of the time.
+  double error_stays(double new_ground) const { return stays_[bin_of(new_ground)]; }
+  void find_bounds();
+
+ private:
+  std::array<std::array<double, 2>, kNewGround.size()> upper_{};
+  std::array<double, kNewGround.size()> stays_{};
+};
+RepeatRates repeat_rates(const RepeatedLooks& looks);
+std::string repeat_table(const RepeatRates& rates);
+
+}  // namespace nadir::bench
