@@ -119,12 +119,7 @@ FaultFlight::FaultFlight(const MeasuredLooks& looks, const RepeatRates& repeats,
       fault_(fault),
       limits_(limits),
       picture_(picture_of(fault)),
-      grounds_(looks.grounds_with(picture_)) {
-  if (repeats.change_nats.empty()) {
-    throw Error({.what = "no chance peak was seen twice: nothing to draw its change from",
-                 .fix = "measure more: ./run bench integrity --part repeats"});
-  }
-}
+      grounds_(looks.grounds_with(picture_)) {}
 
 FaultFlight::State FaultFlight::begin(Random& random) const {
   State s;
@@ -203,13 +198,13 @@ void FaultFlight::advance(State& s, Random& random) const {
                                    std::clamp(nats, -limit, limit)};
   };
   const bool again = s.last_chance && !foreign && inside(look.window, s.last_chance->position.vector()) &&
-                     random.chance(repeats_.upper(s.new_ground, s.last_chance->log_likelihood_ratio > 0));
+                     random.chance(repeats_.again(s.new_ground, s.last_chance->log_likelihood_ratio > 0));
   if (again) {
-    const auto last = static_cast<int>(repeats_.change_nats.size()) - 1;
+    const auto& changes = repeats_.change_nats(s.last_chance->log_likelihood_ratio > 0);
+    const auto last = static_cast<int>(changes.size()) - 1;
     sigmas = s.last_chance_sigmas;
-    candidate_at(
-        s.last_chance->position.vector(),
-        s.last_chance->log_likelihood_ratio + repeats_.change_nats[static_cast<std::size_t>(random.integer(0, last))]);
+    candidate_at(s.last_chance->position.vector(),
+                 s.last_chance->log_likelihood_ratio + changes[static_cast<std::size_t>(random.integer(0, last))]);
     s.last_chance = look.candidate;
   } else {
     const MeasuredLook& found = s.pools.draw(window, radius_m, random);

@@ -53,9 +53,9 @@ int looks(const Options& options) {
     if (!mine) mine = std::make_unique<LookTaker>(grounds, options.plan, options.run.seed);
     return *mine;
   };
-  const Looks looks =
-      run_all<bench::Look>(options.run, look_header(options.run.seed, options.plan, grounds, LookTaker::kWindowsOfPicture),
-                    look_of, [&](std::uint64_t i) { return taker().take(i); });
+  const Looks looks = run_all<bench::Look>(
+      options.run, look_header(options.run.seed, options.plan, grounds, LookTaker::kWindowsOfPicture), look_of,
+      [&](std::uint64_t i) { return taker().take(i); });
   std::cout << rate_tables(looks);
   if (!options.plot.empty()) write_file_atomic(options.plot, reliability_svg(looks));
   const std::string found = contradictions(looks);
@@ -68,7 +68,7 @@ int repeats(const Options& options) {
   const RepeatedLooks looks = run_all<RepeatedLook>(
       options.run, repeated_header(options.run.seed, options.plan, grounds), repeated_look_of,
       [&](std::uint64_t i) { return take_repeated_look(grounds, options.plan, options.run.seed, i); });
-  std::cout << repeat_table(repeat_rates(looks));
+  std::cout << RepeatRates(looks).table();
   return 0;
 }
 
@@ -95,7 +95,8 @@ int table(const Options& options) {
   }
   std::vector<MeasuredLook> rows;
   for (const auto& [index, look] : all) rows.push_back(measured(look));
-  const MeasuredLooks measured(std::to_string(rows.size()) + " looks, " + run, std::move(rows));
+  const std::string origin = std::to_string(rows.size()) + " looks, " + run;
+  const MeasuredLooks measured(origin, std::move(rows));
   write_file_atomic(options.measured, measured.text());
   std::cout << measured.all().size() << " looks in " << options.measured.string() << "\n";
   return 0;
@@ -105,13 +106,13 @@ std::string digest_of(const std::filesystem::path& path) { return sha256(as_byte
 
 int splitting(Options options) {
   const MeasuredLooks looks = MeasuredLooks::read(options.measured);
-  const RepeatRates rates = repeat_rates(read_repeated_looks(options.repeated));
+  const RepeatRates rates(read_repeated_looks(options.repeated));
   options.splitting.seed = options.run.seed;
   options.splitting.looks_origin = looks.origin();
   options.splitting.looks_sha256 = digest_of(options.measured);
   options.splitting.repeats_sha256 = digest_of(options.repeated);
   options.run.count = fault_kinds().size() * static_cast<std::size_t>(options.repetitions);
-  std::cout << repeat_table(rates) << "\n";
+  std::cout << rates.table() << "\n";
   const auto records = run_all<SplitRecord>(options.run, splitting_header(options.splitting), split_record_of,
                                             [&](std::uint64_t i) { return split(looks, rates, options.splitting, i); });
   std::cout << splitting_table(records);

@@ -424,7 +424,7 @@ Look look_of(const std::string& text) {
     in >> *value >> comma;
   }
   in >> l.tolerance_m;
-  if (in && in.peek() == ',') in >> comma >> l.fine_gsd_m;  // results of the first version end before it
+  if (in && !in.eof() && in.peek() == ',') in >> comma >> l.fine_gsd_m;  // results of the first version end before it
   if (!in) throw Error({.what = "a line of results cannot be read", .found = text});
   return l;
 }

@@ -102,45 +102,51 @@ std::size_t RepeatRates::bin_of(double new_ground) {
   return best;
 }
 
-RepeatRates repeat_rates(const RepeatedLooks& looks) {
-  RepeatRates rates;
+RepeatRates::RepeatRates(const RepeatedLooks& looks) {
   for (const auto& [index, look] : looks) {
-    RepeatRates::Bin& bin = rates.bins[RepeatRates::bin_of(look.new_ground)];
+    Bin& bin = bins_[bin_of(look.new_ground)];
     if (look.chance_first()) {
-      CountedShare& share = bin.seen_again[look.first.log_likelihood_ratio > 0 ? 1 : 0];
+      const bool strong = look.first.log_likelihood_ratio > 0;
+      CountedShare& share = strong ? strong_again_[strong_bin_of(look.new_ground)] : bin.weak_again;
       ++share.of;
       if (!look.seen_again()) continue;
       ++share.count;
-      rates.change_nats.push_back(look.second.log_likelihood_ratio - look.first.log_likelihood_ratio);
+      change_nats_[strong ? 1 : 0].push_back(look.second.log_likelihood_ratio - look.first.log_likelihood_ratio);
     } else if (look.first.right && look.second.right) {
       ++bin.same_side.of;
       bin.same_side.count += look.first.off_m.dot(look.second.off_m) > 0 ? 1 : 0;
     }
   }
-  rates.find_bounds();
-  return rates;
-}
-
-void RepeatRates::find_bounds() {
-  for (std::size_t i = 0; i < bins.size(); ++i) {
-    for (std::size_t strong = 0; strong < 2; ++strong) upper_[i][strong] = bins[i].seen_again[strong].upper();
-    stays_[i] = std::max(0.0, 2 * bins[i].same_side.upper() - 1);
+  for (std::size_t i = 0; i < bins_.size(); ++i) {
+    weak_upper_[i] = bins_[i].weak_again.upper();
+    stays_[i] = std::max(0.0, 2 * bins_[i].same_side.upper() - 1);
+  }
+  for (std::size_t i = 0; i < strong_again_.size(); ++i) strong_upper_[i] = strong_again_[i].upper();
+  for (const auto& changes : change_nats_) {
+    if (changes.empty()) {
+      throw Error({.what = "no chance peak of a kind was seen twice: nothing to draw its change from",
+                   .fix = "measure more: ./run bench integrity --part repeats"});
+    }
   }
 }
 
-std::string repeat_table(const RepeatRates& rates) {
+double RepeatRates::again(double new_ground, bool strong) const {
+  return strong ? strong_upper_[strong_bin_of(new_ground)] : weak_upper_[bin_of(new_ground)];
+}
+
+std::string RepeatRates::table() const {
   std::string table =
-      "| new ground | weak chance peaks | seen again, % (95 %) | strong chance peaks | seen again, % (95 %) | true "
+      "| new ground | chance peaks with ℓ ≤ 0 | seen again, % (95 %) | with ℓ > 0 | seen again, % (95 %) | true "
       "places twice | errors on the same side, % (95 %) |\n|---|---|---|---|---|---|---|\n";
   const auto cell = [](const CountedShare& s) {
     return s.of == 0 ? std::string("-")
                      : fmt::format("{:.1f} ({:.1f} to {:.1f})", 100 * s.share(), 100 * s.lower(), 100 * s.upper());
   };
-  for (std::size_t i = 0; i < rates.bins.size(); ++i) {
-    const RepeatRates::Bin& bin = rates.bins[i];
-    table += fmt::format("| {:g} | {} | {} | {} | {} | {} | {} |\n", RepeatRates::kNewGround[i], bin.seen_again[0].of,
-                         cell(bin.seen_again[0]), bin.seen_again[1].of, cell(bin.seen_again[1]), bin.same_side.of,
-                         cell(bin.same_side));
+  for (const double new_ground : kNewGround) {
+    const Bin& b = bin(new_ground);
+    const CountedShare& strong = strong_again(new_ground);
+    table += fmt::format("| {:g} | {} | {} | {} | {} | {} | {} |\n", new_ground, b.weak_again.of, cell(b.weak_again),
+                         strong.of, cell(strong), b.same_side.of, cell(b.same_side));
   }
   return table;
 }

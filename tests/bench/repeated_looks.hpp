@@ -38,28 +38,39 @@ RepeatedLooks read_repeated_looks(const std::filesystem::path& path);  // throws
 RepeatedLook take_repeated_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed,
                                 std::uint64_t index);
 
-// Counted rates by the share of new ground, for chance peaks with a weight of evidence below and above zero.
-struct RepeatRates {
-  static constexpr std::array kNewGround = {0.1, 0.25, 0.5, 0.75, 1.0, 1.5};  // middles
+// Counted rates by the share of new ground. Strong chance peaks, with a weight of evidence above zero, are few: they
+// are counted together where half of the ground or more is shared, and where less is.
+class RepeatRates {
+ public:
+  static constexpr std::array kNewGround = {0.1, 0.25, 0.5, 0.75, 1.0, 1.5};  // middles of the bins
+  static constexpr double kMostlyShared = 0.6;
   struct Bin {
-    std::array<CountedShare, 2> seen_again;  // weak, strong
-    CountedShare same_side;                  // of true places: the errors of both are less than 90° apart
+    CountedShare weak_again;  // chance peaks that were seen again
+    CountedShare same_side;   // of true places: the errors of both are less than 90° apart
   };
-  std::array<Bin, kNewGround.size()> bins;
-  std::vector<double> change_nats;  // second less first weight of evidence, of peaks that were seen again
 
-  static std::size_t bin_of(double new_ground);
-  // Upper bound of 95 % that a chance peak is seen again.
-  double upper(double new_ground, bool strong) const { return upper_[bin_of(new_ground)][strong ? 1 : 0]; }
-  // Likewise, that the error of a true place is that of the last one; else it lies on the same side half of the time.
+  explicit RepeatRates(const RepeatedLooks& looks);
+  std::string table() const;
+
+  // Upper bounds, 95 %: that a chance peak is seen again; that the error of a true place is that of the last one (else
+  // it lies on the same side half of the time).
+  double again(double new_ground, bool strong) const;
   double error_stays(double new_ground) const { return stays_[bin_of(new_ground)]; }
-  void find_bounds();
+  // Second less first weight of evidence, of peaks that were seen again.
+  const std::vector<double>& change_nats(bool strong) const { return change_nats_[strong ? 1 : 0]; }
+
+  const Bin& bin(double new_ground) const { return bins_[bin_of(new_ground)]; }
+  const CountedShare& strong_again(double new_ground) const { return strong_again_[strong_bin_of(new_ground)]; }
 
  private:
-  std::array<std::array<double, 2>, kNewGround.size()> upper_{};
-  std::array<double, kNewGround.size()> stays_{};
+  static std::size_t bin_of(double new_ground);
+  static std::size_t strong_bin_of(double new_ground) { return new_ground <= kMostlyShared ? 0 : 1; }
+
+  std::array<Bin, kNewGround.size()> bins_;
+  std::array<CountedShare, 2> strong_again_;
+  std::array<std::vector<double>, 2> change_nats_;
+  std::array<double, kNewGround.size()> weak_upper_{}, stays_{};
+  std::array<double, 2> strong_upper_{};
 };
-RepeatRates repeat_rates(const RepeatedLooks& looks);
-std::string repeat_table(const RepeatRates& rates);
 
 }  // namespace nadir::bench
