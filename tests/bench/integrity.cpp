@@ -15,6 +15,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/platform.hpp"
+#include "fault_tree.hpp"
 #include "look_rates.hpp"
 #include "misleading.hpp"
 #include "repeated_looks.hpp"
@@ -119,7 +120,18 @@ int splitting(Options options) {
   return 0;
 }
 
-int tree(const Options&) { return 2; }
+int tree(const Options& options) {
+  if (options.from.empty()) {
+    throw UsageError(
+        {.what = "no probabilities to compute the tree from", .fix = "pass --from the CSV of --part splitting"});
+  }
+  const SplittingFile file = read_splitting(options.from, options.run.seed);
+  const FaultTree tree = fault_tree(probabilities(file.records), file.minutes);
+  std::cout << tree_table(tree);
+  if (!options.plot.empty()) write_file_atomic(options.plot, tree_svg(tree));
+  return 0;
+}
+
 int run(const Options& options) {
   if (purpose_of(options.run.seed) != Purpose::judge) {
     throw UsageError({.what = "seeds below a million were fitted to", .fix = "pass --seed 1000000 or more"});
