@@ -6,18 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "counted_share.hpp"
 #include "look.hpp"
 
 namespace nadir::bench {
-
-// A share that was counted, and the interval of the true one with 95 % confidence (Clopper & Pearson 1934: exact, never
-// too narrow).
-struct CountedShare {
-  int count = 0, of = 0;
-  double share() const { return of == 0 ? 0 : static_cast<double>(count) / of; }
-  double lower() const;
-  double upper() const;
-};
 
 using LookFilter = std::function<bool(const Look&)>;
 bool knocked_out(const Look& look);    // its window does not hold the place
