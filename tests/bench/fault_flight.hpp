@@ -2,8 +2,10 @@
 // of two dimensions, with looks drawn from measured ones. A look costs microseconds, so that misleading positions can
 // be counted where they are rare (splitting.hpp).
 //
-// Model. The truth is the origin; the track is off by e, covariance P. Between two looks the aircraft flies a share of
-// its footprint (new ground), e makes a step of a random walk, and P grows as the filter believes. A look searches a
+// Model. The truth is the origin; the track is off by e. Between two looks the aircraft flies a share of its footprint
+// (new ground), and e drifts: by a share of the way that is the same all flight long (height, lens and heading are not
+// known better) and by a step of a random walk. The filter estimates position and drift, as the localizer's estimates
+// height and heading. A look searches a
 // window around the track as the localizer would (search_window.hpp). What it finds is a measured look of the same kind
 // of window and picture over the same ground: nothing; the true place, with its measured error in a random direction;
 // or a chance peak, uniform in the window, or beside the truth at its measured distance. The belief weighs it; when it
@@ -30,10 +32,11 @@ namespace nadir::bench {
 
 enum class FlightFault {
   none,
-  start_500,      // a person's start, 150 to 500 m off, σ claimed 50 m
-  start_2000,     // 500 to 2000 m off
-  other_map,      // the map does not show the place: mirrored, turned, of another region, all changed
-  start_and_map,  // both
+  unchecked_pairs,  // none, over pairs of satellite pictures whose registration nobody has checked
+  start_500,        // a person's start, 150 to 500 m off, σ claimed 50 m
+  start_2000,       // 500 to 2000 m off
+  other_map,        // the map does not show the place: mirrored, turned, of another region, all changed
+  start_and_map,    // both
   half_changed,
   clouds,
   blur,
@@ -68,14 +71,15 @@ class FaultFlight {
     // Fixed for the flight.
     LookPools pools;
     Eigen::Vector2d map_shift_m = Eigen::Vector2d::Zero();  // what lies at p appears at p + shift
-    Eigen::Vector2d course = Eigen::Vector2d::UnitX();
     double foreign_at_s = 0;
     Eigen::Vector2d foreign_m = Eigen::Vector2d::Zero();
     int foreign_frames = 0;  // left to come
     // The estimator.
     PlaceBelief belief{1, {}};
-    Eigen::Vector2d error_m = Eigen::Vector2d::Zero();  // e
-    Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();
+    Eigen::Vector4d error = Eigen::Vector4d::Zero();  // of the position, m, and of the drift, m/m
+    Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();
+    Eigen::Vector2d error_m() const { return error.head<2>(); }
+    Eigen::Matrix2d covariance_m2() const { return covariance.topLeftCorner<2, 2>(); }
     bool anchored = false;
     bool stands = true;
     double since_anchor_m = 0;
@@ -93,12 +97,14 @@ class FaultFlight {
     int looks = 0, usable = 0, usable_30 = 0;
   };
 
-  FaultFlight(const MeasuredLooks& looks, const RepeatRates& repeats, FlightFault fault, const FlightLimits& limits);
+  // target: the event that score() leads to.
+  FaultFlight(const MeasuredLooks& looks, const RepeatRates& repeats, FlightFault fault, const FlightLimits& limits,
+              Event target);
 
   State begin(Random& random) const;
   void advance(State& state, Random& random) const;
-  // Log odds that the truth is not where the strongest wrong hypothesis is: weight × (1 - exp(-d² / 2σ²)) of that
-  // hypothesis, whose distance from the truth is d, against all the rest.
+  // Log odds, against all the rest, of the strongest hypothesis that is not the truth: of weight × (1 - exp(-d² /
+  // 2σ²)), where d is its distance from the truth; for the hazardous event σ is widened, so that only far ones count.
   double score(const State& state) const;
   bool ended(const State& state) const { return state.time_s >= 60 * limits_.minutes; }
 
@@ -107,6 +113,7 @@ class FaultFlight {
   const RepeatRates& repeats_;
   FlightFault fault_;
   FlightLimits limits_;
+  Event target_;
   std::string picture_;
   std::vector<std::string> grounds_;
 };

@@ -15,6 +15,8 @@ namespace {
 // Rates are assumptions, one for each; the arguments say what they stand on.
 constexpr std::array kEvents = {
     BasicEvent{"estimator", "none", 0, "every stretch of the flight"},
+    BasicEvent{"map", "unchecked_pairs", 1e-3,
+               "imagery is registered against another before it is packed, and its CE90 stated"},
     BasicEvent{"estimator", "odometry", 1e-3,
                "focal length or height wrong by 5 %: calibration is checked at the desk"},
     BasicEvent{"estimator", "wrong_anchor", 1e-5, "wrong anchors of a cause that is not in this tree"},
@@ -148,7 +150,7 @@ std::string tree_table(const FaultTree& tree) {
 
 std::string tree_svg(const FaultTree& tree) {
   const auto columns = static_cast<double>(tree.rows.size());
-  const double width = 2 * kMargin + kColumn * columns, top_y = 16, branch_y = 130, event_y = 240, height = 440;
+  const double width = 2 * kMargin + kColumn * columns, top_y = 16, branch_y = 130, event_y = 240, height = 452;
   std::string svg = fmt::format(
       "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {:.0f} {:.0f}' font-family='sans-serif' font-size='12'>\n"
       "<rect width='{:.0f}' height='{:.0f}' fill='white'/>\n",
@@ -185,7 +187,7 @@ std::string tree_svg(const FaultTree& tree) {
       const double at = kMargin + kColumn * (column + 0.5);
       svg += line(at, rail, at, event_y) + box(at, event_y, kBoxWidth, kBoxHeight, "#fff");
       double text_y = event_y + 18;
-      for (const std::string& words : wrapped(row->name, 17)) {
+      for (const std::string& words : wrapped(row->name, 15)) {
         svg += text(at, text_y, words);
         text_y += 15;
       }

@@ -95,7 +95,9 @@ int table(const Options& options) {
     if (look.index < options.run.count) all[look.index] = look;
   }
   std::vector<MeasuredLook> rows;
-  for (const auto& [index, look] : all) rows.push_back(measured(look));
+  for (const auto& [index, look] : all) {
+    if (tilt_was_measured(look)) rows.push_back(measured(look));
+  }
   const std::string origin = std::to_string(rows.size()) + " looks, " + run;
   const MeasuredLooks measured(origin, std::move(rows));
   write_file_atomic(options.measured, measured.text());

@@ -17,6 +17,7 @@ constexpr std::string_view kFormat = "# nadir measured looks, ";
 constexpr std::string_view kColumns =
     "ground,window,picture,radius_m,outcome,nats,error_m,solved_m,consensus_m,height_m";
 constexpr double kNear_m = 150;  // farther from the true place a chance peak may lie anywhere in the window
+constexpr double kMeasuredTilt_rad = 0.1;
 constexpr std::array kWindowNames = {"holds", "elsewhere", "other"};
 constexpr std::array kOutcomeNames = {"none", "place", "chance"};
 
@@ -90,6 +91,8 @@ MeasuredLook measured(const Look& look) {
   return row;
 }
 
+bool tilt_was_measured(const Look& look) { return look.features.tilt_sigma_rad <= kMeasuredTilt_rad; }
+
 MeasuredLooks::MeasuredLooks(std::string origin, std::vector<MeasuredLook> looks)
     : origin_(std::move(origin)), looks_(std::move(looks)) {
   for (const MeasuredLook& look : looks_) {
@@ -143,16 +146,22 @@ std::string MeasuredLooks::text() const {
   return text;
 }
 
-std::vector<std::string> MeasuredLooks::grounds_with(const std::string& picture) const {
+std::vector<std::string> MeasuredLooks::grounds_with(const std::string& picture, bool registered) const {
   std::map<std::string, std::size_t> counts;
   for (const MeasuredLook& look : looks_) {
-    if (look.picture == picture && look.window == WindowKind::holds_place) ++counts[look.ground];
+    if (look.picture != picture || look.window != WindowKind::holds_place) continue;
+    if (look.ground.starts_with("pair") != registered) ++counts[look.ground];
   }
   std::vector<std::string> names;
   for (const auto& [name, count] : counts) {
     if (count >= kLeastRows) names.push_back(name);
   }
-  if (names.empty()) names.emplace_back();  // all of them together
+  if (names.empty()) {
+    throw Error({.what = "too few measured looks of a kind of picture over any ground",
+                 .where = picture,
+                 .expected = fmt::format("{} in windows that hold the place", kLeastRows),
+                 .fix = "measure more: ./run bench integrity --part looks"});
+  }
   return names;
 }
 

@@ -44,6 +44,9 @@ struct MeasuredLook {
 };
 
 MeasuredLook measured(const Look& look);
+// Whether the tilt was known as well as a flight controller knows it: what a flight draws from. Of looks without a
+// candidate nobody knows it any more; they count.
+bool tilt_was_measured(const Look& look);
 
 // What a flight over one ground, with one kind of picture, draws its looks from.
 struct LookPools {
@@ -67,8 +70,9 @@ class MeasuredLooks {
 
   const std::string& origin() const { return origin_; }
   const std::vector<MeasuredLook>& all() const { return looks_; }
-  // Grounds with looks of that kind of picture in windows that hold the place.
-  std::vector<std::string> grounds_with(const std::string& picture) const;
+  // Grounds with enough looks of that kind of picture in windows that hold the place. registered: those whose map and
+  // truth fit together to a few metres, or the others: pairs of satellite pictures that nobody has checked.
+  std::vector<std::string> grounds_with(const std::string& picture, bool registered) const;
   LookPools pools(const std::string& ground, const std::string& picture) const;
 
  private:

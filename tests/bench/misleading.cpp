@@ -27,16 +27,19 @@ std::string splitting_header(const SplittingRun& run) {
   return fmt::format(
       "# nadir bench splitting, base seed {}, {} particles, {:g} minutes, alert limit {:g} m, risk {:g}, looks {} "
       "({}), "
-      "repeats {}\nindex,fault,levels,reached,misleading,hazardous,plain,plain_misleading,plain_hazardous,looks,usable,"
+      "repeats "
+      "{}\nindex,fault,levels,reached,misleading,levels,reached,hazardous,plain,plain_misleading,plain_hazardous,looks,"
+      "usable,"
       "usable_30\n",
       run.seed, run.particles, run.limits.minutes, run.limits.alert_limit_m, run.limits.integrity_risk,
       run.looks_sha256.substr(0, 16), run.looks_origin, run.repeats_sha256.substr(0, 16));
 }
 
 std::string line(const SplitRecord& r) {
-  return fmt::format("{},{},{},{:.6g},{:.6g},{:.6g},{},{},{},{},{},{}\n", r.index, r.fault, r.levels, r.reached,
-                     r.misleading, r.hazardous, r.plain, r.plain_misleading, r.plain_hazardous, r.looks, r.usable,
-                     r.usable_30);
+  return fmt::format("{},{},{},{:.6g},{:.6g},{},{:.6g},{:.6g},{},{},{},{},{},{}\n", r.index, r.fault,
+                     r.misleading.levels, r.misleading.reached, r.misleading.probability, r.hazardous.levels,
+                     r.hazardous.reached, r.hazardous.probability, r.plain, r.plain_misleading, r.plain_hazardous,
+                     r.looks, r.usable, r.usable_30);
 }
 
 SplitRecord split_record_of(const std::string& text) {
@@ -45,13 +48,16 @@ SplitRecord split_record_of(const std::string& text) {
   char comma = 0;
   in >> r.index >> comma;
   std::getline(in, r.fault, ',');
-  in >> r.levels >> comma >> r.reached >> comma >> r.misleading >> comma >> r.hazardous >> comma >> r.plain >> comma >>
-      r.plain_misleading >> comma >> r.plain_hazardous >> comma >> r.looks >> comma >> r.usable >> comma >> r.usable_30;
+  for (SplitRecord::Estimate* e : {&r.misleading, &r.hazardous}) {
+    in >> e->levels >> comma >> e->reached >> comma >> e->probability >> comma;
+  }
+  in >> r.plain >> comma >> r.plain_misleading >> comma >> r.plain_hazardous >> comma >> r.looks >> comma >> r.usable >>
+      comma >> r.usable_30;
   const bool known =
       std::any_of(fault_kinds().begin(), fault_kinds().end(), [&](const FaultKind& k) { return k.code == r.fault; });
   if (!in || !(in >> std::ws).eof() || !known) {
     throw Error({.what = "a line of results cannot be read",
-                 .expected = "twelve cells, the second one names a fault",
+                 .expected = "fourteen cells, the second one names a fault",
                  .found = text});
   }
   return r;
@@ -60,37 +66,39 @@ SplitRecord split_record_of(const std::string& text) {
 SplitRecord split(const MeasuredLooks& looks, const RepeatRates& repeats, const SplittingRun& run,
                   std::uint64_t index) {
   const FaultKind& kind = fault_kinds()[index % fault_kinds().size()];
-  const FaultFlight flight(looks, repeats, kind.fault, run.limits);
-  SplittingOptions options;
-  options.particles = run.particles;
-  const auto result =
-      Splitting<FaultFlight>(flight, options, hash_of(run.seed, static_cast<std::int64_t>(index), 5)).run();
   SplitRecord record;
   record.index = index;
   record.fault = kind.code;
-  record.levels = result.levels;
-  record.reached = result.reached;
-  record.misleading = result.probability[FaultFlight::misleading];
-  record.hazardous = result.probability[FaultFlight::hazardous];
-  for (const FaultFlight::State& end : result.plain) {
-    ++record.plain;
-    record.plain_misleading += end.events[FaultFlight::misleading] ? 1 : 0;
-    record.plain_hazardous += end.events[FaultFlight::hazardous] ? 1 : 0;
-    record.looks += end.looks, record.usable += end.usable, record.usable_30 += end.usable_30;
+  for (const FaultFlight::Event event : {FaultFlight::misleading, FaultFlight::hazardous}) {
+    const FaultFlight flight(looks, repeats, kind.fault, run.limits, event);
+    SplittingOptions options;
+    options.particles = run.particles;
+    options.event = event;
+    const auto result =
+        Splitting<FaultFlight>(flight, options, hash_of(run.seed, static_cast<std::int64_t>(index), 5 + event)).run();
+    (event == FaultFlight::misleading ? record.misleading : record.hazardous) = {result.levels, result.reached,
+                                                                                 result.probability[event]};
+    for (const FaultFlight::State& end : result.plain) {
+      ++record.plain;
+      record.plain_misleading += end.events[FaultFlight::misleading] ? 1 : 0;
+      record.plain_hazardous += end.events[FaultFlight::hazardous] ? 1 : 0;
+      record.looks += end.looks, record.usable += end.usable, record.usable_30 += end.usable_30;
+    }
   }
   return record;
 }
 
-SplitEstimate estimate_of(const std::vector<double>& probabilities, const std::vector<double>& reached) {
+SplitEstimate estimate_of(const std::vector<SplitRecord::Estimate>& repetitions) {
   SplitEstimate estimate;
-  estimate.repetitions = static_cast<int>(probabilities.size());
-  const auto count = static_cast<double>(probabilities.size());
+  estimate.repetitions = static_cast<int>(repetitions.size());
+  const auto count = static_cast<double>(repetitions.size());
   if (count < 2) return estimate;
   double mean_of_bounds = 0, squares = 0;
   std::vector<double> bounds;
-  for (std::size_t i = 0; i < probabilities.size(); ++i) {
-    estimate.mean += probabilities[i] / count;
-    bounds.push_back(probabilities[i] > 0 ? probabilities[i] : reached[i]);
+  for (const SplitRecord::Estimate& r : repetitions) {
+    estimate.mean += r.probability / count;
+    estimate.levels += r.levels / count;
+    bounds.push_back(r.probability > 0 ? r.probability : r.reached);
     mean_of_bounds += bounds.back() / count;
   }
   for (const double bound : bounds) squares += (bound - mean_of_bounds) * (bound - mean_of_bounds);
@@ -99,26 +107,18 @@ SplitEstimate estimate_of(const std::vector<double>& probabilities, const std::v
 }
 
 std::map<std::string, FaultProbability> probabilities(const std::map<std::uint64_t, SplitRecord>& records) {
-  struct Lists {
-    std::vector<double> misleading, hazardous, reached;
-  };
-  std::map<std::string, Lists> lists;
+  std::map<std::string, std::array<std::vector<SplitRecord::Estimate>, 2>> lists;
   std::map<std::string, FaultProbability> sums;
   for (const auto& [index, r] : records) {
-    Lists& of_fault = lists[r.fault];
-    of_fault.misleading.push_back(r.misleading);
-    of_fault.hazardous.push_back(r.hazardous);
-    of_fault.reached.push_back(r.reached);
+    lists[r.fault][0].push_back(r.misleading);
+    lists[r.fault][1].push_back(r.hazardous);
     FaultProbability& sum = sums[r.fault];
-    sum.levels += r.levels;
     sum.plain += r.plain, sum.plain_misleading += r.plain_misleading, sum.plain_hazardous += r.plain_hazardous;
     sum.looks += r.looks, sum.usable += r.usable, sum.usable_30 += r.usable_30;
   }
   for (auto& [fault, sum] : sums) {
-    const Lists& of_fault = lists[fault];
-    sum.misleading = estimate_of(of_fault.misleading, of_fault.reached);
-    sum.hazardous = estimate_of(of_fault.hazardous, of_fault.reached);
-    sum.levels /= static_cast<double>(of_fault.reached.size());
+    sum.misleading = estimate_of(lists[fault][0]);
+    sum.hazardous = estimate_of(lists[fault][1]);
   }
   return sums;
 }
@@ -126,9 +126,10 @@ std::map<std::string, FaultProbability> probabilities(const std::map<std::uint64
 std::string splitting_table(const std::map<std::uint64_t, SplitRecord>& records) {
   const auto by_fault = probabilities(records);
   std::string table =
-      "| fault | repetitions | levels | P(misleading) | 95 % bound | P(hazardous) | 95 % bound | of plain flights: "
+      "| fault | repetitions | levels | P(misleading) | 95 % bound | levels | P(hazardous) | 95 % bound | of plain "
+      "flights: "
       "number | misleading | hazardous | looks with HPL below 30 m, % | below the alert limit, % |\n"
-      "|---|---|---|---|---|---|---|---|---|---|---|---|\n";
+      "|---|---|---|---|---|---|---|---|---|---|---|---|---|\n";
   int least = kLeastRepetitions;
   for (const FaultKind& kind : fault_kinds()) {
     const auto found = by_fault.find(std::string(kind.code));
@@ -138,10 +139,11 @@ std::string splitting_table(const std::map<std::uint64_t, SplitRecord>& records)
     const auto share = [&](long part) {
       return 100.0 * static_cast<double>(part) / static_cast<double>(std::max(1L, p.looks));
     };
-    table += fmt::format("| {} | {} | {:.0f} | {} | {} | {} | {} | {} | {} | {} | {:.1f} | {:.1f} |\n", kind.name,
-                         p.misleading.repetitions, p.levels, probability(p.misleading.mean),
-                         probability(p.misleading.bound), probability(p.hazardous.mean), probability(p.hazardous.bound),
-                         p.plain, p.plain_misleading, p.plain_hazardous, share(p.usable_30), share(p.usable));
+    table += fmt::format("| {} | {} | {:.0f} | {} | {} | {:.0f} | {} | {} | {} | {} | {} | {:.1f} | {:.1f} |\n",
+                         kind.name, p.misleading.repetitions, p.misleading.levels, probability(p.misleading.mean),
+                         probability(p.misleading.bound), p.hazardous.levels, probability(p.hazardous.mean),
+                         probability(p.hazardous.bound), p.plain, p.plain_misleading, p.plain_hazardous,
+                         share(p.usable_30), share(p.usable));
   }
   if (least < kLeastRepetitions) {
     table += fmt::format("\nonly {} repetitions of some faults: bounds need {}\n", least, kLeastRepetitions);

@@ -13,9 +13,11 @@ namespace nadir::bench {
 struct SplitRecord {
   std::uint64_t index = 0;
   std::string fault;  // FaultKind::code
-  int levels = 0;
-  double reached = 1;                                        // probability of the last level
-  double misleading = 0, hazardous = 0;                      // estimates
+  struct Estimate {
+    int levels = 0;
+    double reached = 1;  // probability of the last level
+    double probability = 0;
+  } misleading, hazardous;                                   // each by a splitting of its own
   int plain = 0, plain_misleading = 0, plain_hazardous = 0;  // flights without splitting, counted
   long looks = 0, usable = 0, usable_30 = 0;                 // of those
 };
@@ -38,15 +40,14 @@ SplitRecord split(const MeasuredLooks& looks, const RepeatRates& repeats, const 
 // A mean of repetitions, and the bound that it is below with 95 % confidence (Student's t). A repetition that never met
 // the event counts in the bound with the probability of the last level that it reached.
 struct SplitEstimate {
-  double mean = 0, bound = 1;
+  double mean = 0, bound = 1, levels = 0;  // levels: mean
   int repetitions = 0;
 };
 struct FaultProbability {
   SplitEstimate misleading, hazardous;
-  double levels = 0;  // mean
   long plain = 0, plain_misleading = 0, plain_hazardous = 0, looks = 0, usable = 0, usable_30 = 0;
 };
-SplitEstimate estimate_of(const std::vector<double>& probabilities, const std::vector<double>& reached);
+SplitEstimate estimate_of(const std::vector<SplitRecord::Estimate>& repetitions);
 std::map<std::string, FaultProbability> probabilities(const std::map<std::uint64_t, SplitRecord>& records);
 
 std::string splitting_table(const std::map<std::uint64_t, SplitRecord>& records);

@@ -32,7 +32,8 @@ struct SplittingOptions {
   int particles = 200;  // N
   double killed_share = 0.1;
   int max_levels = 400;
-  double enough_share = 0.5;  // of the paths ended in the first event: no further levels
+  double enough_share = 0.5;  // of the paths ended in the event below: no further levels
+  std::size_t event = 0;
 };
 
 template <typename State>
@@ -60,7 +61,8 @@ class Splitting {
     for (const Path& path : paths) result.plain.push_back(path.end);
     const auto least = static_cast<std::size_t>(std::ceil(options_.killed_share * static_cast<double>(n)));
     while (result.levels < options_.max_levels) {
-      const auto hits = std::count_if(paths.begin(), paths.end(), [](const Path& p) { return p.end.events[0]; });
+      const auto hits =
+          std::count_if(paths.begin(), paths.end(), [this](const Path& p) { return p.end.events[options_.event]; });
       if (static_cast<double>(hits) >= options_.enough_share * static_cast<double>(n)) break;
       std::vector<double> scores;
       for (const Path& path : paths) scores.push_back(path.highest());
