@@ -208,11 +208,12 @@ void FaultFlight::advance(State& s, Random& random) const {
   const bool again = s.last_chance && !foreign && inside(look.window, s.last_chance->position.vector()) &&
                      random.chance(repeats_.again(s.new_ground, s.last_chance->log_likelihood_ratio > 0));
   if (again) {
-    const auto& changes = repeats_.change_nats(s.last_chance->log_likelihood_ratio > 0);
+    const auto& changes = repeats_.changes(s.last_chance->log_likelihood_ratio > 0);
     const auto last = static_cast<int>(changes.size()) - 1;
+    const RepeatRates::Change& change = changes[static_cast<std::size_t>(random.integer(0, last))];
     sigmas = s.last_chance_sigmas;
-    candidate_at(s.last_chance->position.vector(),
-                 s.last_chance->log_likelihood_ratio + changes[static_cast<std::size_t>(random.integer(0, last))]);
+    candidate_at(s.last_chance->position.vector() + change.moved_m * random_direction(random),
+                 s.last_chance->log_likelihood_ratio + change.nats);
     s.last_chance = look.candidate;
   } else {
     const MeasuredLook& found = s.pools.draw(window, radius_m, random);

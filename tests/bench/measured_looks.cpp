@@ -60,6 +60,8 @@ MeasuredLook measured_of(const std::string& line) {
 
 }  // namespace
 
+double unit_of(const std::string& ground) { return ground.starts_with("naip") ? 2.5 : 1; }
+
 CandidateSigmas sigmas_of(const Look& look) {
   using namespace parameters::anchor_measurement;
   CandidateSigmas sigmas{look.camera_sigma_m, 0, std::sqrt(unmodelled_variance_m2(look.agl_m))};
@@ -76,8 +78,7 @@ MeasuredLook measured(const Look& look) {
   row.window = look.holds_place()           ? WindowKind::holds_place
                : look.window == "elsewhere" ? WindowKind::elsewhere
                                             : WindowKind::other_map;
-  // Of NAIP everything is 2.5 times as long.
-  const double unit = look.ground.starts_with("naip") ? 2.5 : 1;
+  const double unit = unit_of(look.ground);
   row.radius_m = nearest_radius_m(look.radius_m / unit);
   if (!look.candidate()) return row;
   row.outcome = look.right() ? LookOutcome::place : LookOutcome::chance;

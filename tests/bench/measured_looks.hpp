@@ -32,6 +32,9 @@ enum class WindowKind { holds_place, elsewhere, other_map };
 inline constexpr std::array kWindowKinds = {WindowKind::holds_place, WindowKind::elsewhere, WindowKind::other_map};
 enum class LookOutcome { none, place, chance };
 
+// What a ground's distances are divided by: NAIP's pixels are large.
+double unit_of(const std::string& ground);
+
 // Distances are those of a ground of unit 1 (look_grounds.hpp).
 struct MeasuredLook {
   std::string ground, picture;

@@ -111,7 +111,8 @@ RepeatRates::RepeatRates(const RepeatedLooks& looks) {
       ++share.of;
       if (!look.seen_again()) continue;
       ++share.count;
-      change_nats_[strong ? 1 : 0].push_back(look.second.log_likelihood_ratio - look.first.log_likelihood_ratio);
+      changes_[strong ? 1 : 0].push_back({look.second.log_likelihood_ratio - look.first.log_likelihood_ratio,
+                                          (look.second.off_m - look.first.off_m).norm() / unit_of(look.ground)});
     } else if (look.first.right && look.second.right) {
       ++bin.same_side.of;
       bin.same_side.count += look.first.off_m.dot(look.second.off_m) > 0 ? 1 : 0;
@@ -122,7 +123,7 @@ RepeatRates::RepeatRates(const RepeatedLooks& looks) {
     stays_[i] = std::max(0.0, 2 * bins_[i].same_side.upper() - 1);
   }
   for (std::size_t i = 0; i < strong_again_.size(); ++i) strong_upper_[i] = strong_again_[i].upper();
-  for (const auto& changes : change_nats_) {
+  for (const auto& changes : changes_) {
     if (changes.empty()) {
       throw Error({.what = "no chance peak of a kind was seen twice: nothing to draw its change from",
                    .fix = "measure more: ./run bench integrity --part repeats"});

@@ -56,8 +56,12 @@ class RepeatRates {
   // it lies on the same side half of the time).
   double again(double new_ground, bool strong) const;
   double error_stays(double new_ground) const { return stays_[bin_of(new_ground)]; }
-  // Second less first weight of evidence, of peaks that were seen again.
-  const std::vector<double>& change_nats(bool strong) const { return change_nats_[strong ? 1 : 0]; }
+  // Of peaks that were seen again: the second weight of evidence less the first, and how far apart they were (on a
+  // ground of unit 1, look_grounds.hpp).
+  struct Change {
+    double nats = 0, moved_m = 0;
+  };
+  const std::vector<Change>& changes(bool strong) const { return changes_[strong ? 1 : 0]; }
 
   const Bin& bin(double new_ground) const { return bins_[bin_of(new_ground)]; }
   const CountedShare& strong_again(double new_ground) const { return strong_again_[strong_bin_of(new_ground)]; }
@@ -68,7 +72,7 @@ class RepeatRates {
 
   std::array<Bin, kNewGround.size()> bins_;
   std::array<CountedShare, 2> strong_again_;
-  std::array<std::vector<double>, 2> change_nats_;
+  std::array<std::vector<Change>, 2> changes_;
   std::array<double, kNewGround.size()> weak_upper_{}, stays_{};
   std::array<double, 2> strong_upper_{};
 };
