@@ -57,7 +57,7 @@ int looks(const Options& options) {
   const Looks looks = run_all<bench::Look>(
       options.run, look_header(options.run.seed, options.plan, grounds, LookTaker::kWindowsOfPicture), look_of,
       [&](std::uint64_t i) { return taker().take(i); });
-  std::cout << rate_tables(looks);
+  std::cout << rate_tables(looks) << "\n" << picture_table(looks);
   if (!options.plot.empty()) write_file_atomic(options.plot, reliability_svg(looks));
   const std::string found = contradictions(looks);
   std::cout << "\n" << (found.empty() ? "no rate contradicts its bound\n" : found);

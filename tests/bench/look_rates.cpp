@@ -223,6 +223,28 @@ CountedShare share_above(const Looks& looks, double ratio, const LookFilter& fil
   return share;
 }
 
+CountedShare pictures_above(const Looks& looks, double ratio) {
+  std::map<std::uint64_t, bool> pictures;
+  for (const auto& [index, look] : looks) {
+    if (knocked_out(look)) pictures[picture_of(index)] |= look.candidate() && weight(look) > std::log(ratio);
+  }
+  CountedShare share{0, static_cast<int>(pictures.size())};
+  for (const auto& [picture, above] : pictures) share.count += above ? 1 : 0;
+  return share;
+}
+
+std::string picture_table(const Looks& looks) {
+  std::string head = "| pictures with looks without their place |", rule = "|---|", row;
+  for (const double t : kThresholds) {
+    const CountedShare share = pictures_above(looks, t);
+    head += fmt::format(" one above {:g}, % (95 %) |", t);
+    rule += "---|";
+    row += fmt::format(" {} ({}: {:.2g} to {:.2g}) |", percent(share), share.count, 100 * share.lower(),
+                       100 * share.upper());
+  }
+  return fmt::format("{}\n{}\n| {} |{}\n", head, rule, pictures_above(looks, 1).of, row);
+}
+
 std::string contradictions(const Looks& looks) {
   std::string text;
   for (const double t : kThresholds) {

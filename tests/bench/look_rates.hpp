@@ -20,6 +20,11 @@ CountedShare share_above(const Looks& looks, double ratio, const LookFilter& fil
 // The thresholds t that tables show.
 inline constexpr std::array<double, 5> kThresholds = {10, 100, 1000, 3000, 10000};
 
+// Looks of one picture are not independent (LookTaker), pictures are: those with such a look among those with a look
+// that cannot be right.
+CountedShare pictures_above(const Looks& looks, double ratio);
+std::string picture_table(const Looks& looks);
+
 // Whether the looks contradict P(ratio > t | chance) <= 1 / t for one of the thresholds: the lower bound is above.
 // One line for each, empty where none does.
 std::string contradictions(const Looks& looks);

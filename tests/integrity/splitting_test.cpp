@@ -160,9 +160,9 @@ TEST(MisleadingFlights, StayWithinTheirBounds) {
     const char* fault;
     double misleading, hazardous;
   };
-  static constexpr std::array kBounds = {Bound{"none", 5e-3, 1e-3}, Bound{"odometry", 5e-3, 1e-3},
-                                         Bound{"foreign_frames", 3e-2, 2e-3}, Bound{"start_500", 0.12, 0.08},
-                                         Bound{"other_map", 0.05, 0.05}};
+  static constexpr std::array kBounds = {Bound{"none", 3e-3, 1e-4}, Bound{"odometry", 3e-3, 1e-3},
+                                         Bound{"foreign_frames", 2e-2, 3e-3}, Bound{"start_500", 0.08, 0.06},
+                                         Bound{"other_map", 0.03, 0.03}};
   for (const Bound& bound : kBounds) {
     SplittingRun run;
     run.seed = kJudgeSeed + 7;
