@@ -206,17 +206,15 @@ void FaultFlight::advance(State& s, Random& random) const {
                                    std::clamp(nats, -limit, limit)};
   };
   const bool again = s.last_chance && !foreign && inside(look.window, s.last_chance->position.vector()) &&
-                     random.chance(repeats_.again(s.new_ground, s.last_chance->log_likelihood_ratio > 0));
+                     random.chance(repeats_.again(s.new_ground));
   if (again) {
-    const auto& changes = repeats_.changes(s.last_chance->log_likelihood_ratio > 0);
-    const auto last = static_cast<int>(changes.size()) - 1;
-    const RepeatRates::Change& change = changes[static_cast<std::size_t>(random.integer(0, last))];
+    const RepeatRates::Draw second = repeats_.draw(s.last_chance->log_likelihood_ratio, random);
     sigmas = s.last_chance_sigmas;
-    candidate_at(s.last_chance->position.vector() + change.moved_m * random_direction(random),
-                 s.last_chance->log_likelihood_ratio + change.nats);
+    candidate_at(s.last_chance->position.vector() + second.moved_m * random_direction(random),
+                 second.log_likelihood_ratio);
     s.last_chance = look.candidate;
   } else {
-    const MeasuredLook& found = s.pools.draw(window, radius_m, random);
+    const LookFinding found = s.pools.draw(window, radius_m, random);
     sigmas = found.sigmas;
     s.last_chance.reset();
     if (found.outcome == LookOutcome::place) {

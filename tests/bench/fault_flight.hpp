@@ -12,8 +12,8 @@
 // accepts, the filter is updated with the covariance that the localizer would use.
 //
 // Looks in a row depend on each other: a chance peak is seen again at the same place with the upper bound of the
-// counted probability (repeated_looks.hpp), displaced and with a weight of evidence changed as when counted; an error
-// of the true place stays with the ground that both show. The map as a whole is off by its own σ.
+// counted probability, displaced and with a weight of evidence as when counted (repeated_looks.hpp); an error of the
+// true place stays with the ground that both show. The map as a whole is off by its own σ.
 //
 // Misleading at a look: there is a protection level within the alert limit, and the error is larger. Hazardously: the
 // error is beyond the alert limit as well.

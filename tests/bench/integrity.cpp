@@ -1,15 +1,16 @@
 // Integrity, judged on what nobody fitted to. Its parts, each of which may be resumed:
 //
 //   looks      looks that cannot be right, by the hundred thousand: how often their likelihood ratio claims that they
-//              are, and whether a ratio is the evidence that it states (look_rates.hpp)
+//              are, and whether a ratio is the evidence that it states (look_rates.hpp). --from: of stored results
 //   repeats    looks in a row: how often a chance peak is seen again at the same place (repeated_looks.hpp)
-//   table      the results of `looks` in the form that is stored, for drawing from (measured_looks.hpp)
+//   table      results of both in the form that is stored, for drawing from (measured_looks.hpp)
 //   splitting  P(misleading | fault), by multilevel splitting over flights whose looks are drawn from that table
 //              (splitting.hpp, fault_flight.hpp, misleading.hpp)
 //   tree       those probabilities times assumed rates of the faults: a rate per flight hour (fault_tree.hpp)
+#include <fmt/format.h>
+
 #include <iostream>
 #include <opencv2/core/utility.hpp>
-#include <sstream>
 
 #include "base/digest.hpp"
 #include "base/error.hpp"
@@ -30,7 +31,8 @@ struct Options {
   std::string part = "looks";
   RunOptions run;
   LookPlan plan;
-  std::filesystem::path data = data_folder(), plot, from;
+  std::filesystem::path data = data_folder(), plot;
+  std::vector<std::filesystem::path> from;
   std::filesystem::path measured = "tests/integrity/data/measured_looks.csv",
                         repeated = "tests/integrity/data/repeated_looks.csv";
   SplittingRun splitting;
@@ -44,19 +46,42 @@ struct UnseenGrounds : Grounds {
   }
 };
 
+// Of all files; pictures stay apart.
+Looks stored_looks(const std::vector<std::filesystem::path>& files) {
+  Looks all;
+  std::uint64_t picture = 0;
+  for (const std::filesystem::path& path : files) {
+    const LooksFile file = read_looks(path);
+    const std::uint64_t first = picture;
+    for (const auto& [index, look] : file.looks) {
+      const std::uint64_t own = file.shared_pictures ? index : LookTaker::kWindowsOfPicture * index;
+      const std::uint64_t at = LookTaker::kWindowsOfPicture * first + own;
+      all[at] = look;
+      all[at].index = at;
+      picture = picture_of(at) + 1;
+    }
+  }
+  return all;
+}
+
 int looks(const Options& options) {
-  const UnseenGrounds grounds(options);
-  std::map<std::thread::id, std::unique_ptr<LookTaker>> takers;
-  std::mutex mutex;
-  const auto taker = [&]() -> LookTaker& {
-    const std::lock_guard lock(mutex);
-    auto& mine = takers[std::this_thread::get_id()];
-    if (!mine) mine = std::make_unique<LookTaker>(grounds, options.plan, options.run.seed);
-    return *mine;
-  };
-  const Looks looks = run_all<bench::Look>(
-      options.run, look_header(options.run.seed, options.plan, grounds, LookTaker::kWindowsOfPicture), look_of,
-      [&](std::uint64_t i) { return taker().take(i); });
+  Looks looks;
+  if (!options.from.empty()) {
+    looks = stored_looks(options.from);
+  } else {
+    const UnseenGrounds grounds(options);
+    std::map<std::thread::id, std::unique_ptr<LookTaker>> takers;
+    std::mutex mutex;
+    const auto taker = [&]() -> LookTaker& {
+      const std::lock_guard lock(mutex);
+      auto& mine = takers[std::this_thread::get_id()];
+      if (!mine) mine = std::make_unique<LookTaker>(grounds, options.plan, options.run.seed);
+      return *mine;
+    };
+    looks = run_all<bench::Look>(options.run,
+                                 look_header(options.run.seed, options.plan, grounds, LookTaker::kWindowsOfPicture),
+                                 look_of, [&](std::uint64_t i) { return taker().take(i); });
+  }
   std::cout << rate_tables(looks) << "\n" << picture_table(looks);
   if (!options.plot.empty()) write_file_atomic(options.plot, reliability_svg(looks));
   const std::string found = contradictions(looks);
@@ -66,42 +91,33 @@ int looks(const Options& options) {
 
 int repeats(const Options& options) {
   const UnseenGrounds grounds(options);
-  const RepeatedLooks looks = run_all<RepeatedLook>(
-      options.run, repeated_header(options.run.seed, options.plan, grounds), repeated_look_of,
-      [&](std::uint64_t i) { return take_repeated_look(grounds, options.plan, options.run.seed, i); });
-  std::cout << RepeatRates(looks).table();
+  const std::string header = repeated_header(options.run.seed, options.plan, grounds);
+  const RepeatedLooks looks = run_all<RepeatedLook>(options.run, header, repeated_look_of, [&](std::uint64_t i) {
+    return take_repeated_look(grounds, options.plan, options.run.seed, i);
+  });
+  std::cout << RepeatRates("", looks).table();
   return 0;
 }
 
 int table(const Options& options) {
   if (options.from.empty()) {
-    throw UsageError({.what = "no results to make the table from", .fix = "pass --from the CSV of --part looks"});
+    throw UsageError(
+        {.what = "no results to make the table from", .fix = "pass --from the CSV of --part looks or repeats"});
   }
-  std::istringstream in(read_text_file(options.from, std::uint64_t{1} << 30));
-  std::string text;
-  std::getline(in, text);
-  const std::string marker = "# nadir bench looks, ";
-  if (!text.starts_with(marker)) {
-    throw UsageError({.what = "not a file of looks",
-                      .where = options.from.string(),
-                      .expected = "results of --part looks --resume",
-                      .found = text.substr(0, 80)});
+  if (is_repeated_looks(options.from.front())) {
+    const RepeatRates rates = RepeatRates::reduced(options.from.front());
+    write_file_atomic(options.repeated, rates.text());
+    std::cout << rates.table() << options.repeated.string() << "\n";
+    return 0;
   }
-  const std::string run = text.substr(marker.size());
-  std::getline(in, text);  // names of the columns
-  Looks all;
-  while (std::getline(in, text)) {
-    const bench::Look look = look_of(text);
-    if (look.index < options.run.count) all[look.index] = look;
+  std::string origin = fmt::format("likelihood {}", look_likelihood_table().numbers_sha256.substr(0, 16));
+  for (const std::filesystem::path& path : options.from) {
+    const LooksFile file = read_looks(path);
+    origin += fmt::format(" | {} looks, {}", file.looks.size(), file.run);
   }
-  std::vector<MeasuredLook> rows;
-  for (const auto& [index, look] : all) {
-    if (tilt_was_measured(look)) rows.push_back(measured(look));
-  }
-  const std::string origin = std::to_string(rows.size()) + " looks, " + run;
-  const MeasuredLooks measured(origin, std::move(rows));
+  const MeasuredLooks measured = MeasuredLooks::reduced(origin, stored_looks(options.from));
   write_file_atomic(options.measured, measured.text());
-  std::cout << measured.all().size() << " looks in " << options.measured.string() << "\n";
+  std::cout << measured.summary() << options.measured.string() << "\n";
   return 0;
 }
 
@@ -109,7 +125,7 @@ std::string digest_of(const std::filesystem::path& path) { return sha256(as_byte
 
 int splitting(Options options) {
   const MeasuredLooks looks = MeasuredLooks::read(options.measured);
-  const RepeatRates rates(read_repeated_looks(options.repeated));
+  const RepeatRates rates = RepeatRates::read(options.repeated);
   options.splitting.seed = options.run.seed;
   options.splitting.looks_origin = looks.origin();
   options.splitting.looks_sha256 = digest_of(options.measured);
@@ -127,7 +143,7 @@ int tree(const Options& options) {
     throw UsageError(
         {.what = "no probabilities to compute the tree from", .fix = "pass --from the CSV of --part splitting"});
   }
-  const SplittingFile file = read_splitting(options.from, options.run.seed);
+  const SplittingFile file = read_splitting(options.from.front(), options.run.seed);
   const FaultTree tree = fault_tree(probabilities(file.records), file.minutes);
   std::cout << tree_table(tree);
   if (!options.plot.empty()) write_file_atomic(options.plot, tree_svg(tree));
@@ -161,7 +177,8 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0.0, 1.0));
   app.add_option("--data", options.data, "folder of the real sets; default: $NADIR_DATA, else ../shared/data");
   app.add_option("--svg", options.plot, "draw the reliability diagram, or the tree, into this file");
-  app.add_option("--from", options.from, "table: results of looks; tree: results of splitting");
+  app.add_option("--from", options.from,
+                 "stored results, not run again: looks, table: of looks (table: or of repeats); tree: of splitting");
   app.add_option("--measured", options.measured, "the table that splitting draws from")->capture_default_str();
   app.add_option("--repeated", options.repeated, "the repeats that it draws from")->capture_default_str();
   app.add_option("--repetitions", options.repetitions, "of splitting, for each fault")->check(CLI::Range(2, 10'000));

@@ -11,6 +11,7 @@
 #include <sstream>
 
 #include "base/error.hpp"
+#include "base/files.hpp"
 #include "estimation/map_look.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
@@ -427,6 +428,29 @@ Look look_of(const std::string& text) {
   if (in && !in.eof() && in.peek() == ',') in >> comma >> l.fine_gsd_m;  // results of the first version end before it
   if (!in) throw Error({.what = "a line of results cannot be read", .found = text});
   return l;
+}
+
+LooksFile read_looks(const std::filesystem::path& path) {
+  static constexpr std::string_view kFormat = "# nadir bench looks, ", kGrounds = ", grounds: ";
+  std::istringstream in(read_text_file(path, std::uint64_t{1} << 30));
+  std::string text;
+  std::getline(in, text);
+  const std::size_t grounds = text.find(kGrounds);
+  if (!text.starts_with(kFormat) || grounds == std::string::npos) {
+    throw UsageError({.what = "not a file of looks",
+                      .where = path.string(),
+                      .expected = fmt::format("{}... as --resume keeps them", kFormat),
+                      .found = text.substr(0, 80)});
+  }
+  LooksFile file{
+      text.substr(kFormat.size(), grounds - kFormat.size()), text.substr(grounds + kGrounds.size()), false, {}};
+  file.shared_pictures = file.run.find("windows of each picture") != std::string::npos;
+  std::getline(in, text);  // names of the columns
+  while (std::getline(in, text)) {
+    const Look look = look_of(text);
+    file.looks[look.index] = look;
+  }
+  return file;
 }
 
 }  // namespace nadir::bench

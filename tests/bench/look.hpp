@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <filesystem>
 #include <map>
 #include <memory>
 #include <string>
@@ -52,6 +53,15 @@ std::string look_header(std::uint64_t base_seed, const LookPlan& plan, const Gro
                         std::uint64_t windows_of_picture = 1);
 std::string line(const Look& look);
 Look look_of(const std::string& line);
+
+// Results that were kept with --resume. Throws UsageError for another file, Error for a line that cannot be read.
+struct LooksFile {
+  std::string run;  // of the header, without the grounds
+  std::string grounds;
+  bool shared_pictures = false;  // a LookTaker's
+  Looks looks;
+};
+LooksFile read_looks(const std::filesystem::path& path);
 
 // Everything follows from the base seed and the index.
 Look take_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed, std::uint64_t index);

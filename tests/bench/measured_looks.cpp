@@ -1,9 +1,11 @@
 #include "measured_looks.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 #include <sstream>
 
 #include "base/error.hpp"
@@ -15,9 +17,12 @@ namespace {
 
 constexpr std::string_view kFormat = "# nadir measured looks, ";
 constexpr std::string_view kColumns =
-    "ground,window,picture,radius_m,outcome,nats,error_m,solved_m,consensus_m,height_m";
+    "count,ground,window,picture,radius_m,outcome,nats,error_m,solved_m,consensus_m,height_m";
 constexpr double kNear_m = 150;  // farther from the true place a chance peak may lie anywhere in the window
 constexpr double kMeasuredTilt_rad = 0.1;
+constexpr double kWeak_nats = -1;  // of chance peaks below, up to kThinned are one row
+constexpr std::size_t kThinned = 8;
+constexpr double kClaims_nats = 0;  // what shows how much alike the looks of one picture are
 constexpr std::array kWindowNames = {"holds", "elsewhere", "other"};
 constexpr std::array kOutcomeNames = {"none", "place", "chance"};
 
@@ -33,29 +38,104 @@ std::string key(const std::string& ground, const std::string& picture, WindowKin
   return fmt::format("{}|{}|{}|{:.0f}", ground, picture, static_cast<int>(window), radius_m);
 }
 
+// Kinds are stored by their first letter.
 template <typename Enum, typename Names>
-Enum named(const Names& names, const std::string& name, const std::string& line) {
-  const auto found = std::find(names.begin(), names.end(), name);
+Enum named(const Names& names, const std::string& letter, const std::string& line) {
+  const auto found =
+      std::find_if(names.begin(), names.end(), [&](const char* name) { return letter == std::string(1, name[0]); });
   if (found == names.end()) {
     throw Error({.what = "a line of measured looks names no kind that there is", .found = line});
   }
   return static_cast<Enum>(found - names.begin());
 }
 
-MeasuredLook measured_of(const std::string& line) {
+MeasuredLook measured_of(const std::string& line, const std::vector<std::string>& grounds) {
   std::istringstream in(line);
   MeasuredLook look;
+  LookFinding& found = look.found;
   std::string window, outcome;
+  std::size_t ground = 0;
   char comma = 0;
-  for (std::string* cell : {&look.ground, &window, &look.picture}) std::getline(in, *cell, ',');
+  in >> look.count >> comma >> ground >> comma;
+  for (std::string* cell : {&window, &look.picture}) std::getline(in, *cell, ',');
   in >> look.radius_m >> comma;
   std::getline(in, outcome, ',');
-  in >> look.log_likelihood_ratio >> comma >> look.error_m >> comma >> look.sigmas.solved_m >> comma >>
-      look.sigmas.wrong_consensus_m >> comma >> look.sigmas.unmodelled_m;
-  if (!in || !(in >> std::ws).eof()) throw Error({.what = "a line of measured looks cannot be read", .found = line});
+  in >> found.log_likelihood_ratio >> comma >> found.error_m >> comma >> found.sigmas.solved_m >> comma >>
+      found.sigmas.wrong_consensus_m >> comma >> found.sigmas.unmodelled_m;
+  if (!in || !(in >> std::ws).eof() || look.count < 1 || ground >= grounds.size()) {
+    throw Error({.what = "a line of measured looks cannot be read", .found = line});
+  }
+  look.ground = grounds[ground];
   look.window = named<WindowKind>(kWindowNames, window, line);
-  look.outcome = named<LookOutcome>(kOutcomeNames, outcome, line);
+  found.outcome = named<LookOutcome>(kOutcomeNames, outcome, line);
   return look;
+}
+
+std::vector<std::string> cells_of(const std::string& line) {
+  std::istringstream in(line);
+  std::vector<std::string> cells;
+  for (std::string cell; std::getline(in, cell, ',');) cells.push_back(cell);
+  return cells;
+}
+
+WindowKind kind_of(const Look& look) {
+  return look.holds_place()           ? WindowKind::holds_place
+         : look.window == "elsewhere" ? WindowKind::elsewhere
+                                      : WindowKind::other_map;
+}
+
+// By how much the looks of one picture scatter less than as many pictures would: the variance of the number of claims
+// over that of independent ones (Kish 1965).
+double design_effect(const Looks& looks) {
+  std::map<std::uint64_t, CountedShare> pictures;
+  CountedShare all;
+  for (const auto& [index, look] : looks) {
+    if (look.holds_place()) continue;
+    const int claims = look.candidate() && log_likelihood_ratio(look.features) > kClaims_nats ? 1 : 0;
+    CountedShare& picture = pictures[picture_of(index)];
+    ++picture.of, ++all.of;
+    picture.count += claims, all.count += claims;
+  }
+  if (all.count == 0) return 1;
+  double squares = 0;
+  for (const auto& [number, p] : pictures) {
+    const double off = p.count - all.share() * p.of;
+    squares += off * off;
+  }
+  return std::max(1.0, squares / (all.of * all.share() * (1 - all.share())));
+}
+
+std::string group_of(const MeasuredLook& look) {
+  return fmt::format("{}|{}|{}|{:.0f}", look.ground, look.picture, static_cast<int>(look.window), look.radius_m);
+}
+
+// Looks without a candidate are one row; of weak chance peaks, by their weight of evidence, the middle one of some.
+std::vector<MeasuredLook> thinned(const std::vector<MeasuredLook>& looks) {
+  std::vector<MeasuredLook> rows;
+  std::map<std::string, std::vector<MeasuredLook>> weak;
+  std::map<std::string, MeasuredLook> none;
+  for (const MeasuredLook& look : looks) {
+    if (look.found.outcome == LookOutcome::none) {
+      const auto [row, added] = none.emplace(group_of(look), look);
+      row->second.count += added ? 0 : 1;
+    } else if (look.found.outcome == LookOutcome::chance && look.found.log_likelihood_ratio < kWeak_nats) {
+      weak[group_of(look)].push_back(look);
+    } else {
+      rows.push_back(look);
+    }
+  }
+  for (const auto& [group, row] : none) rows.push_back(row);
+  for (auto& [group, members] : weak) {
+    std::stable_sort(members.begin(), members.end(), [](const MeasuredLook& a, const MeasuredLook& b) {
+      return a.found.log_likelihood_ratio < b.found.log_likelihood_ratio;
+    });
+    for (std::size_t from = 0; from < members.size(); from += kThinned) {
+      const std::size_t to = std::min(from + kThinned, members.size());
+      rows.push_back(members[(from + to) / 2]);
+      rows.back().count = static_cast<int>(to - from);
+    }
+  }
+  return rows;
 }
 
 }  // namespace
@@ -72,36 +152,48 @@ CandidateSigmas sigmas_of(const Look& look) {
 }
 
 MeasuredLook measured(const Look& look) {
-  MeasuredLook row;
-  row.ground = look.ground;
-  row.picture = look.picture;
-  row.window = look.holds_place()           ? WindowKind::holds_place
-               : look.window == "elsewhere" ? WindowKind::elsewhere
-                                            : WindowKind::other_map;
   const double unit = unit_of(look.ground);
-  row.radius_m = nearest_radius_m(look.radius_m / unit);
+  MeasuredLook row{look.ground, look.picture, kind_of(look), nearest_radius_m(look.radius_m / unit), {}};
   if (!look.candidate()) return row;
-  row.outcome = look.right() ? LookOutcome::place : LookOutcome::chance;
-  row.log_likelihood_ratio = log_likelihood_ratio(look.features);
-  row.error_m = look.camera_error_m / unit;
-  row.sigmas = sigmas_of(look);
-  row.sigmas.solved_m /= unit, row.sigmas.wrong_consensus_m /= unit, row.sigmas.unmodelled_m /= unit;
-  if (row.outcome == LookOutcome::chance && (row.window != WindowKind::holds_place || row.error_m > kNear_m)) {
-    row.error_m = 0;
+  LookFinding& found = row.found;
+  found.outcome = look.right() ? LookOutcome::place : LookOutcome::chance;
+  found.log_likelihood_ratio = log_likelihood_ratio(look.features);
+  found.error_m = look.camera_error_m / unit;
+  found.sigmas = sigmas_of(look);
+  found.sigmas.solved_m /= unit, found.sigmas.wrong_consensus_m /= unit, found.sigmas.unmodelled_m /= unit;
+  if (found.outcome == LookOutcome::chance && (row.window != WindowKind::holds_place || found.error_m > kNear_m)) {
+    found.error_m = 0;
   }
   return row;
 }
 
 bool tilt_was_measured(const Look& look) { return look.features.tilt_sigma_rad <= kMeasuredTilt_rad; }
 
-MeasuredLooks::MeasuredLooks(std::string origin, std::vector<MeasuredLook> looks)
-    : origin_(std::move(origin)), looks_(std::move(looks)) {
+void LookPool::add(const MeasuredLook& look) {
+  rows.push_back(&look);
+  counted.push_back(size() + look.count);
+}
+
+MeasuredLooks::MeasuredLooks(std::string origin, std::vector<MeasuredLook> looks, const Beyond& beyond)
+    : origin_(std::move(origin)),
+      looks_(std::move(looks)),
+      tails_(std::make_unique<std::array<LookTail, kWindowKinds.size()>>()) {
+  for (std::size_t i = 0; i < beyond.size(); ++i) {
+    (*tails_)[i].beyond = beyond[i];
+    (*tails_)[i].rate = beyond[i].upper();
+  }
   for (const MeasuredLook& look : looks_) {
     for (const double radius_m : {look.radius_m, 0.0}) {
-      by_key_[key(look.ground, look.picture, look.window, radius_m)].push_back(&look);
-      by_key_[key("", look.picture, look.window, radius_m)].push_back(&look);
+      by_key_[key(look.ground, look.picture, look.window, radius_m)].add(look);
+      by_key_[key("", look.picture, look.window, radius_m)].add(look);
     }
-    by_key_[key("", "", look.window, 0)].push_back(&look);
+    by_key_[key("", "", look.window, 0)].add(look);
+    LookFinding& strongest = (*tails_)[static_cast<std::size_t>(look.window)].strongest;
+    if (look.found.outcome == LookOutcome::chance &&
+        (strongest.outcome == LookOutcome::none || look.found.log_likelihood_ratio > strongest.log_likelihood_ratio)) {
+      strongest = look.found;
+      strongest.error_m = 0;  // anywhere in the window
+    }
   }
   for (const WindowKind window : kWindowKinds) {
     if (!by_key_.contains(key("", "", window, 0))) {
@@ -110,6 +202,29 @@ MeasuredLooks::MeasuredLooks(std::string origin, std::vector<MeasuredLook> looks
                    .fix = "measure more: ./run bench integrity --part looks"});
     }
   }
+}
+
+MeasuredLooks MeasuredLooks::reduced(std::string origin, const Looks& looks) {
+  std::vector<MeasuredLook> rows;
+  for (const auto& [index, look] : looks) {
+    if (tilt_was_measured(look) && look.fine_gsd_m > 0) rows.push_back(measured(look));
+  }
+  MeasuredLooks table(std::move(origin), thinned(rows), {});
+  const double effect = design_effect(looks);
+  for (const WindowKind kind : kWindowKinds) {
+    LookTail& tail = (*table.tails_)[static_cast<std::size_t>(kind)];
+    for (const auto& [index, look] : looks) {
+      if (!tilt_was_measured(look) || kind_of(look) != kind) continue;
+      ++tail.beyond.of;
+      tail.beyond.count +=
+          look.candidate() && !look.right() && log_likelihood_ratio(look.features) > tail.strongest.log_likelihood_ratio
+              ? 1
+              : 0;
+    }
+    tail.beyond.of = std::max(1, static_cast<int>(tail.beyond.of / effect));
+    tail.rate = tail.beyond.upper();
+  }
+  return table;
 }
 
 MeasuredLooks MeasuredLooks::read(const std::filesystem::path& path) {
@@ -125,72 +240,111 @@ MeasuredLooks MeasuredLooks::read(const std::filesystem::path& path) {
   }
   const std::string origin = line.substr(kFormat.size());
   std::getline(in, line);
-  if (line != kColumns) {
+  const std::vector<std::string> grounds = cells_of(line);
+  std::getline(in, line);
+  std::istringstream counts(line);
+  Beyond beyond;
+  for (CountedShare& share : beyond) counts >> share.count >> share.of;
+  std::getline(in, line);
+  if (!counts || line != kColumns) {
     throw UsageError({.what = "other columns than those of measured looks",
                       .where = path.string(),
                       .expected = std::string(kColumns),
                       .found = line});
   }
   std::vector<MeasuredLook> looks;
-  while (std::getline(in, line)) looks.push_back(measured_of(line));
-  return {origin, std::move(looks)};
+  while (std::getline(in, line)) looks.push_back(measured_of(line, grounds));
+  return {origin, std::move(looks), beyond};
 }
 
 std::string MeasuredLooks::text() const {
-  std::string text = fmt::format("{}{}\n{}\n", kFormat, origin_, kColumns);
+  std::set<std::string> names;
+  for (const MeasuredLook& look : looks_) names.insert(look.ground);
+  const std::vector<std::string> grounds(names.begin(), names.end());
+  std::string beyond;
+  for (const LookTail& tail : *tails_) {
+    beyond += fmt::format("{}{} {}", beyond.empty() ? "" : " ", tail.beyond.count, tail.beyond.of);
+  }
+  std::string text = fmt::format("{}{}\n{}\n{}\n{}\n", kFormat, origin_, fmt::join(grounds, ","), beyond, kColumns);
   for (const MeasuredLook& l : looks_) {
-    text += fmt::format("{},{},{},{:.0f},{},{:.2f},{:.1f},{:.1f},{:.1f},{:.1f}\n", l.ground,
-                        kWindowNames[static_cast<std::size_t>(l.window)], l.picture, l.radius_m,
-                        kOutcomeNames[static_cast<std::size_t>(l.outcome)], l.log_likelihood_ratio, l.error_m,
-                        l.sigmas.solved_m, l.sigmas.wrong_consensus_m, l.sigmas.unmodelled_m);
+    const auto ground = std::find(grounds.begin(), grounds.end(), l.ground) - grounds.begin();
+    const LookFinding& f = l.found;
+    text += fmt::format("{},{},{},{},{:.0f},{},{:.3g},{:.3g},{:.2g},{:.2g},{:.2g}\n", l.count, ground,
+                        kWindowNames[static_cast<std::size_t>(l.window)][0], l.picture, l.radius_m,
+                        kOutcomeNames[static_cast<std::size_t>(f.outcome)][0], f.log_likelihood_ratio, f.error_m,
+                        f.sigmas.solved_m, f.sigmas.wrong_consensus_m, f.sigmas.unmodelled_m);
   }
   return text;
 }
 
+std::string MeasuredLooks::summary() const {
+  std::string table =
+      "| window | looks | rows | strongest chance peak, nats | stronger, of an effective number | at most |\n"
+      "|---|---|---|---|---|---|\n";
+  for (const WindowKind kind : kWindowKinds) {
+    const LookPool& all = by_key_.at(key("", "", kind, 0));
+    const LookTail& tail = (*tails_)[static_cast<std::size_t>(kind)];
+    table += fmt::format("| {} | {} | {} | {:.2f} | {} of {} | {:.1e} |\n",
+                         kWindowNames[static_cast<std::size_t>(kind)], all.size(), all.rows.size(),
+                         tail.strongest.log_likelihood_ratio, tail.beyond.count, tail.beyond.of, tail.rate);
+  }
+  return table;
+}
+
 std::vector<std::string> MeasuredLooks::grounds_with(const std::string& picture, bool registered) const {
-  std::map<std::string, std::size_t> counts;
+  std::map<std::string, int> counts;
   for (const MeasuredLook& look : looks_) {
     if (look.picture != picture || look.window != WindowKind::holds_place) continue;
-    if (look.ground.starts_with("pair") != registered) ++counts[look.ground];
+    if (look.ground.starts_with("pair") != registered) counts[look.ground] += look.count;
   }
   std::vector<std::string> names;
   for (const auto& [name, count] : counts) {
-    if (count >= kLeastRows) names.push_back(name);
+    if (count >= kLeastLooks) names.push_back(name);
   }
   if (names.empty()) {
     throw Error({.what = "too few measured looks of a kind of picture over any ground",
                  .where = picture,
-                 .expected = fmt::format("{} in windows that hold the place", kLeastRows),
+                 .expected = fmt::format("{} in windows that hold the place", kLeastLooks),
                  .fix = "measure more: ./run bench integrity --part looks"});
   }
   return names;
 }
 
-const std::vector<const MeasuredLook*>& MeasuredLooks::pool(const std::string& ground, const std::string& picture,
-                                                            WindowKind window, double radius_m) const {
+const LookPool& MeasuredLooks::pool(const std::string& ground, const std::string& picture, WindowKind window,
+                                    double radius_m) const {
   for (const std::string& name : {key(ground, picture, window, radius_m), key(ground, picture, window, 0),
                                   key("", picture, window, radius_m), key("", picture, window, 0)}) {
     const auto found = by_key_.find(name);
-    if (found != by_key_.end() && found->second.size() >= kLeastRows) return found->second;
+    if (found != by_key_.end() && found->second.size() >= kLeastLooks) return found->second;
   }
   return by_key_.at(key("", "", window, 0));
 }
 
 LookPools MeasuredLooks::pools(const std::string& ground, const std::string& picture) const {
   LookPools pools;
+  pools.tails = tails_.get();
   for (std::size_t w = 0; w < kWindowKinds.size(); ++w) {
     for (std::size_t r = 0; r < LookPools::kRadii_m.size(); ++r) {
-      pools.rows[w][r] = &pool(ground, picture, kWindowKinds[w], LookPools::kRadii_m[r]);
+      pools.pools[w][r] = &pool(ground, picture, kWindowKinds[w], LookPools::kRadii_m[r]);
     }
   }
   return pools;
 }
 
-const MeasuredLook& LookPools::draw(WindowKind window, double radius_m, Random& random) const {
+LookFinding LookPools::draw(WindowKind window, double radius_m, Random& random) const {
+  const LookTail& tail = (*tails)[static_cast<std::size_t>(window)];
+  if (random.chance(tail.rate)) {
+    LookFinding found = tail.strongest;
+    found.outcome = LookOutcome::chance;
+    found.log_likelihood_ratio -= std::log(1 - random.uniform());
+    return found;
+  }
   std::size_t size = 0;
   while (kRadii_m[size] != nearest_radius_m(radius_m)) ++size;
-  const auto& among = *rows[static_cast<std::size_t>(window)][size];
-  return *among[static_cast<std::size_t>(random.integer(0, static_cast<int>(among.size()) - 1))];
+  const LookPool& among = *pools[static_cast<std::size_t>(window)][size];
+  const int number = random.integer(0, among.size() - 1);
+  const auto at = std::upper_bound(among.counted.begin(), among.counted.end(), number) - among.counted.begin();
+  return among.rows[static_cast<std::size_t>(at)]->found;
 }
 
 }  // namespace nadir::bench

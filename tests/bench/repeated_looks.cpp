@@ -13,7 +13,8 @@
 namespace nadir::bench {
 namespace {
 
-constexpr std::string_view kFormat = "# nadir repeated looks, ";
+constexpr std::string_view kFormat = "# nadir bench repeated looks, ", kStored = "# nadir repeated looks, ";
+constexpr double kDisc = parameters::belief::kChi2_95, kRing = parameters::belief::kChi2_999;
 
 RepeatedLook::One one_of(const Look& look) {
   RepeatedLook::One one;
@@ -32,12 +33,6 @@ std::string text(const RepeatedLook::One& one) {
 }
 
 }  // namespace
-
-bool RepeatedLook::seen_again() const {
-  if (!first.candidate || !second.candidate) return false;
-  const double variance_m2 = first.sigma_m * first.sigma_m + second.sigma_m * second.sigma_m;
-  return (second.off_m - first.off_m).squaredNorm() <= parameters::belief::kChi2_999 * variance_m2;
-}
 
 std::string repeated_header(std::uint64_t base_seed, const LookPlan& plan, const Grounds& grounds) {
   return fmt::format(
@@ -67,26 +62,6 @@ RepeatedLook repeated_look_of(const std::string& text) {
   return look;
 }
 
-RepeatedLooks read_repeated_looks(const std::filesystem::path& path) {
-  std::istringstream in(read_text_file(path, std::uint64_t{1} << 28));
-  std::string text;
-  std::getline(in, text);
-  if (!text.starts_with(kFormat)) {
-    throw UsageError({.what = "not a file of repeated looks",
-                      .where = path.string(),
-                      .expected = std::string(kFormat),
-                      .found = text.substr(0, 80),
-                      .fix = "make one: ./run bench integrity --part repeats --resume FILE"});
-  }
-  std::getline(in, text);  // names of the columns
-  RepeatedLooks looks;
-  while (std::getline(in, text)) {
-    const RepeatedLook look = repeated_look_of(text);
-    looks[look.index] = look;
-  }
-  return looks;
-}
-
 RepeatedLook take_repeated_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed,
                                 std::uint64_t index) {
   const LooksInARow row = take_looks_in_a_row(grounds, plan, base_seed, index);
@@ -102,54 +77,135 @@ std::size_t RepeatRates::bin_of(double new_ground) {
   return best;
 }
 
-RepeatRates::RepeatRates(const RepeatedLooks& looks) {
+RepeatRates::RepeatRates(std::string origin, const RepeatedLooks& looks) : origin_(std::move(origin)) {
   for (const auto& [index, look] : looks) {
     Bin& bin = bins_[bin_of(look.new_ground)];
-    if (look.chance_first()) {
-      const bool strong = look.first.log_likelihood_ratio > 0;
-      CountedShare& share = strong ? strong_again_[strong_bin_of(look.new_ground)] : bin.weak_again;
-      ++share.of;
-      if (!look.seen_again()) continue;
-      ++share.count;
-      changes_[strong ? 1 : 0].push_back({look.second.log_likelihood_ratio - look.first.log_likelihood_ratio,
-                                          (look.second.off_m - look.first.off_m).norm() / unit_of(look.ground)});
+    const Eigen::Vector2d moved_m = look.second.off_m - look.first.off_m;
+    if (look.first.chance()) {
+      ++bin.chance;
+      if (!look.second.chance()) continue;
+      const double d2 =
+          moved_m.squaredNorm() / (look.first.sigma_m * look.first.sigma_m + look.second.sigma_m * look.second.sigma_m);
+      bin.ring += d2 > kDisc && d2 <= kRing ? 1 : 0;
+      if (d2 > kDisc) continue;
+      ++bin.disc;
+      pairs_.push_back(
+          {look.first.log_likelihood_ratio, look.second.log_likelihood_ratio, moved_m.norm() / unit_of(look.ground)});
     } else if (look.first.right && look.second.right) {
       ++bin.same_side.of;
       bin.same_side.count += look.first.off_m.dot(look.second.off_m) > 0 ? 1 : 0;
     }
   }
-  for (std::size_t i = 0; i < bins_.size(); ++i) {
-    weak_upper_[i] = bins_[i].weak_again.upper();
-    stays_[i] = std::max(0.0, 2 * bins_[i].same_side.upper() - 1);
-  }
-  for (std::size_t i = 0; i < strong_again_.size(); ++i) strong_upper_[i] = strong_again_[i].upper();
-  for (const auto& changes : changes_) {
-    if (changes.empty()) {
-      throw Error({.what = "no chance peak of a kind was seen twice: nothing to draw its change from",
-                   .fix = "measure more: ./run bench integrity --part repeats"});
-    }
-  }
+  finish();
 }
 
-double RepeatRates::again(double new_ground, bool strong) const {
-  return strong ? strong_upper_[strong_bin_of(new_ground)] : weak_upper_[bin_of(new_ground)];
+void RepeatRates::finish() {
+  for (std::size_t i = 0; i < bins_.size(); ++i) {
+    const Bin& bin = bins_[i];
+    const double by_accident = kDisc / (kRing - kDisc) * CountedShare{bin.ring, bin.chance}.lower();
+    again_[i] = std::clamp(CountedShare{bin.disc, bin.chance}.upper() - by_accident, 0.0, 1.0);
+    stays_[i] = std::max(0.0, 2 * bin.same_side.upper() - 1);
+  }
+  if (pairs_.size() < 2) {
+    throw Error({.what = "no chance peaks were seen twice: nothing to draw from",
+                 .fix = "measure more: ./run bench integrity --part repeats"});
+  }
+  Again mean;
+  const auto count = static_cast<double>(pairs_.size());
+  for (const Again& p : pairs_) mean.first += p.first / count, mean.second += p.second / count;
+  double squares = 0, products = 0;
+  for (const Again& p : pairs_) {
+    squares += (p.first - mean.first) * (p.first - mean.first);
+    products += (p.first - mean.first) * (p.second - mean.second);
+  }
+  slope_ = squares > 0 ? products / squares : 0;
+  intercept_ = mean.second - slope_ * mean.first;
+}
+
+RepeatRates::Draw RepeatRates::draw(double first_log_likelihood_ratio, Random& random) const {
+  const Again& p = pairs_[static_cast<std::size_t>(random.integer(0, static_cast<int>(pairs_.size()) - 1))];
+  return {p.second + slope_ * (first_log_likelihood_ratio - p.first), p.moved_m};
+}
+
+bool is_repeated_looks(const std::filesystem::path& path) {
+  return read_text_file(path, std::uint64_t{1} << 30).starts_with(kFormat);
+}
+
+RepeatRates RepeatRates::reduced(const std::filesystem::path& path) {
+  std::istringstream in(read_text_file(path, std::uint64_t{1} << 30));
+  std::string text;
+  std::getline(in, text);
+  const std::string run = text.substr(std::min(text.size(), kFormat.size()), text.find(", grounds: ") - kFormat.size());
+  std::getline(in, text);  // names of the columns
+  RepeatedLooks looks;
+  while (std::getline(in, text)) {
+    const RepeatedLook look = repeated_look_of(text);
+    looks[look.index] = look;
+  }
+  return {fmt::format("{} pairs, {}", looks.size(), run), looks};
+}
+
+RepeatRates RepeatRates::read(const std::filesystem::path& path) {
+  std::istringstream in(read_text_file(path, std::uint64_t{1} << 24));
+  std::string text;
+  std::getline(in, text);
+  if (!text.starts_with(kStored)) {
+    throw UsageError({.what = "not a table of repeated looks",
+                      .where = path.string(),
+                      .expected = std::string(kStored),
+                      .found = text.substr(0, 80),
+                      .fix = "make one: ./run bench integrity --part table"});
+  }
+  RepeatRates rates;
+  rates.origin_ = text.substr(kStored.size());
+  const auto numbers = [&text](auto& first, auto&... others) {
+    std::istringstream cells(text);
+    char comma = ',';
+    cells >> first;
+    ((comma == ',' ? cells >> comma >> others : cells), ...);
+    if (!cells || comma != ',' || !(cells >> std::ws).eof()) {
+      throw Error({.what = "a line of repeated looks cannot be read", .found = text});
+    }
+  };
+  std::getline(in, text);  // names of the columns
+  for (Bin& bin : rates.bins_) {
+    double new_ground = 0;
+    std::getline(in, text);
+    numbers(new_ground, bin.chance, bin.disc, bin.ring, bin.same_side.of, bin.same_side.count);
+  }
+  std::getline(in, text);  // names of the columns
+  while (std::getline(in, text)) {
+    Again& p = rates.pairs_.emplace_back();
+    numbers(p.first, p.second, p.moved_m);
+  }
+  rates.finish();
+  return rates;
+}
+
+std::string RepeatRates::text() const {
+  std::string text = fmt::format("{}{}\nnew_ground,chance,disc,ring,places,same_side\n", kStored, origin_);
+  for (std::size_t i = 0; i < bins_.size(); ++i) {
+    const Bin& b = bins_[i];
+    text += fmt::format("{:g},{},{},{},{},{}\n", kNewGround[i], b.chance, b.disc, b.ring, b.same_side.of,
+                        b.same_side.count);
+  }
+  text += "first_nats,second_nats,moved_m\n";
+  for (const Again& p : pairs_) text += fmt::format("{:.2f},{:.2f},{:.1f}\n", p.first, p.second, p.moved_m);
+  return text;
 }
 
 std::string RepeatRates::table() const {
   std::string table =
-      "| new ground | chance peaks with ℓ ≤ 0 | seen again, % (95 %) | with ℓ > 0 | seen again, % (95 %) | true "
-      "places twice | errors on the same side, % (95 %) |\n|---|---|---|---|---|---|---|\n";
-  const auto cell = [](const CountedShare& s) {
-    return s.of == 0 ? std::string("-")
-                     : fmt::format("{:.1f} ({:.1f} to {:.1f})", 100 * s.share(), 100 * s.lower(), 100 * s.upper());
-  };
-  for (const double new_ground : kNewGround) {
-    const Bin& b = bin(new_ground);
-    const CountedShare& strong = strong_again(new_ground);
-    table += fmt::format("| {:g} | {} | {} | {} | {} | {} | {} |\n", new_ground, b.weak_again.of, cell(b.weak_again),
-                         strong.of, cell(strong), b.same_side.of, cell(b.same_side));
+      "| new ground | chance peaks | another one in the disc | in the ring | seen again, % at most | true places twice "
+      "| errors on the same side, % (95 %) |\n|---|---|---|---|---|---|---|\n";
+  for (std::size_t i = 0; i < bins_.size(); ++i) {
+    const Bin& b = bins_[i];
+    table += fmt::format("| {:g} | {} | {} | {} | {:.0f} | {} | {:.0f} ({:.0f} to {:.0f}) |\n", kNewGround[i], b.chance,
+                         b.disc, b.ring, 100 * again_[i], b.same_side.of, 100 * b.same_side.share(),
+                         100 * b.same_side.lower(), 100 * b.same_side.upper());
   }
-  return table;
+  return table +
+         fmt::format("\nweight of evidence of a peak that is seen again: {:.2f} + {:.2f} ℓ\n", intercept_, slope_);
 }
 
 }  // namespace nadir::bench

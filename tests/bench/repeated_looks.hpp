@@ -1,5 +1,15 @@
 // How looks in a row depend on each other: two frames that share ground, matched in the same kind of window, and
 // whether a chance peak of the first is there again in the second.
+//
+// Counted are pairs whose first candidate is a chance peak. d² = |z2 - z1|² / (σ1² + σ2²) says how far apart both are.
+// A peak that is seen again lies within a disc, d² <= 6 (95 % of χ² with two degrees of freedom). So do candidates that
+// have nothing to do with the first: they lie anywhere in the window, as densely in the disc as in the ring around it,
+// 6 < d² <= 13.8. Hence
+//
+//   P(again) <= upper bound of (pairs in the disc) - 6 / 7.8 lower bound of (pairs in the ring)
+//
+// The second weight of evidence follows the first one as a line with slope, the rest is drawn from the measured rests:
+//   ℓ2 = intercept + slope ℓ1 + rest
 #pragma once
 
 #include <array>
@@ -8,8 +18,8 @@
 #include <string>
 #include <vector>
 
+#include "counted_share.hpp"
 #include "look.hpp"
-#include "look_rates.hpp"
 
 namespace nadir::bench {
 
@@ -22,59 +32,64 @@ struct RepeatedLook {
     double log_likelihood_ratio = 0;
     Eigen::Vector2d off_m = Eigen::Vector2d::Zero();  // of the position, from the truth
     double sigma_m = 0;                               // one axis, as the belief takes it
+    bool chance() const { return candidate && !right; }
   } first, second;
-
-  bool chance_first() const { return first.candidate && !first.right; }
-  // The second candidate is where the first one was, as far as the belief can tell.
-  bool seen_again() const;
 };
 
 using RepeatedLooks = std::map<std::uint64_t, RepeatedLook>;
 
 std::string repeated_header(std::uint64_t base_seed, const LookPlan& plan, const Grounds& grounds);
 std::string line(const RepeatedLook& look);
-RepeatedLook repeated_look_of(const std::string& line);                // throws Error for anything else
-RepeatedLooks read_repeated_looks(const std::filesystem::path& path);  // throws Error for another file
+RepeatedLook repeated_look_of(const std::string& line);  // throws Error for anything else
+bool is_repeated_looks(const std::filesystem::path& path);
 RepeatedLook take_repeated_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed,
                                 std::uint64_t index);
 
-// Counted rates by the share of new ground. Strong chance peaks, with a weight of evidence above zero, are few: they
-// are counted together where half of the ground or more is shared, and where less is.
+// What was counted, by the share of new ground: what a simulated flight draws from.
 class RepeatRates {
  public:
   static constexpr std::array kNewGround = {0.1, 0.25, 0.5, 0.75, 1.0, 1.5};  // middles of the bins
-  static constexpr double kMostlyShared = 0.6;
   struct Bin {
-    CountedShare weak_again;  // chance peaks that were seen again
-    CountedShare same_side;   // of true places: the errors of both are less than 90° apart
+    int chance = 0, disc = 0, ring = 0;  // pairs
+    CountedShare same_side;              // of true places: the errors of both are less than 90° apart
+  };
+  // Of peaks that were seen again: both weights of evidence, and how far apart the peaks were (on a ground of unit 1).
+  struct Again {
+    double first = 0, second = 0, moved_m = 0;
   };
 
-  explicit RepeatRates(const RepeatedLooks& looks);
+  // origin: the run that the looks come from, in one line. Throws Error where no peak was seen again.
+  RepeatRates(std::string origin, const RepeatedLooks& looks);
+  // Of results that were kept with --resume. Throws Error for anything else.
+  static RepeatRates reduced(const std::filesystem::path& path);
+  // The form that the project stores. read() throws Error for anything else.
+  static RepeatRates read(const std::filesystem::path& path);
+  std::string text() const;
   std::string table() const;
 
-  // Upper bounds, 95 %: that a chance peak is seen again; that the error of a true place is that of the last one (else
-  // it lies on the same side half of the time).
-  double again(double new_ground, bool strong) const;
+  // Bounds, 95 %: that a chance peak is seen again; that the error of a true place is that of the last one (else it
+  // lies on the same side half of the time).
+  double again(double new_ground) const { return again_[bin_of(new_ground)]; }
   double error_stays(double new_ground) const { return stays_[bin_of(new_ground)]; }
-  // Of peaks that were seen again: the second weight of evidence less the first, and how far apart they were (on a
-  // ground of unit 1, look_grounds.hpp).
-  struct Change {
-    double nats = 0, moved_m = 0;
+  // The second weight of evidence of a peak that is seen again, and by how much it moved.
+  struct Draw {
+    double log_likelihood_ratio = 0, moved_m = 0;
   };
-  const std::vector<Change>& changes(bool strong) const { return changes_[strong ? 1 : 0]; }
+  Draw draw(double first_log_likelihood_ratio, Random& random) const;
 
   const Bin& bin(double new_ground) const { return bins_[bin_of(new_ground)]; }
-  const CountedShare& strong_again(double new_ground) const { return strong_again_[strong_bin_of(new_ground)]; }
+  double slope() const { return slope_; }
 
  private:
+  RepeatRates() = default;
   static std::size_t bin_of(double new_ground);
-  static std::size_t strong_bin_of(double new_ground) { return new_ground <= kMostlyShared ? 0 : 1; }
+  void finish();
 
+  std::string origin_;
   std::array<Bin, kNewGround.size()> bins_;
-  std::array<CountedShare, 2> strong_again_;
-  std::array<std::vector<Change>, 2> changes_;
-  std::array<double, kNewGround.size()> weak_upper_{}, stays_{};
-  std::array<double, 2> strong_upper_{};
+  std::vector<Again> pairs_;
+  std::array<double, kNewGround.size()> again_{}, stays_{};
+  double slope_ = 0, intercept_ = 0;
 };
 
 }  // namespace nadir::bench

@@ -85,7 +85,7 @@ TEST(IntegrityCommand, MakesTheTableOfLooksThatWereMeasured) {
   const std::string results = folder.write("looks.csv", "index,ground\n");
   EXPECT_THAT(integrity({"--part", "table", "--from", results, "--measured", table}).err,
               HasSubstr("not a file of looks"));
-  std::string looks = "# nadir bench looks, made up\ncolumns\n";
+  std::string looks = "# nadir bench looks, made up, grounds: painted 9\ncolumns\n";
   for (const char* window : {"right", "elsewhere", "mirrored"}) {
     looks += std::string("1,painted 9,") + window +
              ",clear,candidate,60,200,96,0.5,0.3,0.4,40,1.2,0.9,0.5,0.5,0.014,3.4,3.2," +
@@ -95,8 +95,8 @@ TEST(IntegrityCommand, MakesTheTableOfLooksThatWereMeasured) {
   write_file_atomic(results, looks);
   const auto made = integrity({"--part", "table", "--from", results, "--measured", table});
   ASSERT_EQ(made.code, 0) << made.err;
-  EXPECT_THAT(made.out, HasSubstr("3 looks"));
-  EXPECT_THAT(read_text_file(table), HasSubstr("painted 9,holds,clear,60,place,"));
+  EXPECT_THAT(made.out, HasSubstr("| other | 1 | 1 |"));
+  EXPECT_THAT(read_text_file(table), HasSubstr("1,0,h,clear,60,p,"));
   write_file_atomic(results, looks.substr(0, looks.size() - 30));
   EXPECT_THAT(integrity({"--part", "table", "--from", results, "--measured", table}).err,
               HasSubstr("a line of results cannot be read"));
