@@ -106,7 +106,7 @@ void correct(FaultFlight::State& s, const LookCandidate& candidate, const Candid
       s.covariance.leftCols<2>() * (s.covariance_m2() + variance_m2 * Eigen::Matrix2d::Identity()).inverse();
   s.error += gain * off;
   s.covariance -= (gain * s.covariance.topRows<2>()).eval();
-  s.belief.on_track_corrected(gain.topRows<2>() * off, before_m2, s.covariance_m2());
+  s.belief.on_anchor(gain.topRows<2>() * off, before_m2, s.covariance_m2());
   s.anchored = s.stands = true;
   s.since_anchor_m = 0;
 }

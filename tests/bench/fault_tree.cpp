@@ -15,16 +15,16 @@ namespace {
 // Rates are assumptions, one for each; the arguments say what they stand on.
 constexpr std::array kEvents = {
     BasicEvent{"estimator", "none", 0, "every stretch of the flight"},
-    BasicEvent{"map", "unchecked_pairs", 1e-3,
-               "imagery is registered against another before it is packed, and its CE90 stated"},
     BasicEvent{"estimator", "odometry", 1e-3,
                "focal length or height wrong by 5 %: calibration is checked at the desk"},
     BasicEvent{"estimator", "wrong_anchor", 1e-5, "wrong anchors of a cause that is not in this tree"},
     BasicEvent{"start", "start_500", 1e-3, "one start in a thousand is mistyped or of the last flight"},
     BasicEvent{"start", "start_2000", 1e-3, "likewise"},
+    BasicEvent{"map", "unchecked_pairs", 1e-3,
+               "imagery is registered against another before it is packed, and its CE90 stated"},
+    BasicEvent{"map", "half_changed", 0.1, "one flight in ten has five minutes over ground that has changed so much"},
     BasicEvent{"map", "other_map", 1e-4, "packages are signed and name their mission; coverage is verified"},
     BasicEvent{"map", "start_and_map", 1e-7, "both at once, independently"},
-    BasicEvent{"map", "half_changed", 0.1, "one flight in ten has five minutes over ground that has changed so much"},
     BasicEvent{"map", "map_50", 1e-4, "the imagery's stated CE90 is exceeded tenfold"},
     BasicEvent{"map", "map_200", 1e-5, "a wrong datum or a wrong scene"},
     BasicEvent{"map", "map_1000", 1e-6, "a wrong zone or tile row"},
@@ -51,41 +51,42 @@ std::string verdict(double bound_per_h, double target_per_h) {
                                      : fmt::format("missed by a factor of {:.2g}", bound_per_h / target_per_h);
 }
 
-// ---- Drawing
+// ---- Drawing: from the top event on the left to the basic events, a row each
 
-constexpr double kColumn = 118, kBoxWidth = 106, kBoxHeight = 70, kMargin = 16;
+constexpr double kRow = 30, kTop = 74, kWidth = 990;
+constexpr double kTopX = 8, kTopWidth = 172, kBranchX = 224, kBranchWidth = 140, kEventX = 420;
+constexpr double kRateX = 726, kProbabilityX = 802, kScaleX = 818, kScaleEnd = 976;
+constexpr double kLeastPower = -12, kMostPower = 0;  // of the scale
 
-std::string line(double x1, double y1, double x2, double y2) {
-  return fmt::format("<line x1='{:.0f}' y1='{:.0f}' x2='{:.0f}' y2='{:.0f}' stroke='#444'/>\n", x1, y1, x2, y2);
+std::string line(double x1, double y1, double x2, double y2, const char* more = "stroke='#444'") {
+  return fmt::format("<line x1='{:.1f}' y1='{:.1f}' x2='{:.1f}' y2='{:.1f}' {}/>\n", x1, y1, x2, y2, more);
 }
 
-std::string text(double x, double y, std::string_view what, const char* more = "") {
+std::string text(double x, double y, std::string_view what, const char* anchor, const char* more = "") {
   std::string escaped;
   for (const char c : what) escaped += c == '<' ? "&lt;" : c == '&' ? "&amp;" : std::string(1, c);
-  return fmt::format("<text x='{:.0f}' y='{:.0f}' text-anchor='middle' {}>{}</text>\n", x, y, more, escaped);
-}
-
-// Words in lines of a box's width.
-std::vector<std::string> wrapped(std::string_view words, std::size_t width) {
-  std::vector<std::string> lines(1);
-  std::istringstream in{std::string(words)};
-  for (std::string word; in >> word;) {
-    if (!lines.back().empty() && lines.back().size() + 1 + word.size() > width) lines.emplace_back();
-    lines.back() += (lines.back().empty() ? "" : " ") + word;
-  }
-  return lines;
+  return fmt::format("<text x='{:.1f}' y='{:.1f}' text-anchor='{}' {}>{}</text>\n", x, y, anchor, more, escaped);
 }
 
 std::string box(double x, double y, double width, double height, const char* fill) {
-  return fmt::format("<rect x='{:.0f}' y='{:.0f}' width='{:.0f}' height='{:.0f}' rx='3' fill='{}' stroke='#444'/>\n",
-                     x - width / 2, y, width, height, fill);
+  return fmt::format("<rect x='{:.1f}' y='{:.1f}' width='{:.1f}' height='{:.1f}' rx='3' fill='{}' stroke='#444'/>\n", x,
+                     y - height / 2, width, height, fill);
 }
 
-// The shield of an OR gate beneath a box.
-std::string or_gate(double x, double y) {
-  return fmt::format("<path d='M{0:.0f},{1:.0f} q14,8 14,28 q-14,-8 -28,0 q0,-20 14,-28' fill='#fff' stroke='#444'/>\n",
-                     x, y) +
-         text(x, y + 20, "≥1", "font-size='10'");
+// To the right of a box, and the lines to what it joins.
+std::string or_gate(double x, double y, const std::vector<double>& inputs, double inputs_x) {
+  const double rail = x + 36;
+  std::string svg = fmt::format(
+      "<path d='M{0:.1f},{1:.1f} q8,-14 28,-14 q-8,14 0,28 q-20,0 -28,-14' fill='#fff' stroke='#444'/>\n", x, y);
+  svg += text(x + 14, y + 4, "≥1", "middle", "font-size='10'") + line(x + 24, y, rail, y);
+  svg += line(rail, std::min(y, inputs.front()), rail, std::max(y, inputs.back()));
+  for (const double input : inputs) svg += line(rail, input, inputs_x, input);
+  return svg;
+}
+
+double scale_x(double rate_per_h) {
+  const double power = std::clamp(std::log10(std::max(rate_per_h, 1e-30)), kLeastPower, kMostPower);
+  return kScaleX + (kScaleEnd - kScaleX) * (power - kLeastPower) / (kMostPower - kLeastPower);
 }
 
 }  // namespace
@@ -149,66 +150,64 @@ std::string tree_table(const FaultTree& tree) {
 }
 
 std::string tree_svg(const FaultTree& tree) {
-  const auto columns = static_cast<double>(tree.rows.size());
-  const double width = 2 * kMargin + kColumn * columns, top_y = 16, branch_y = 130, event_y = 240, height = 452;
+  const double height = kTop + kRow * static_cast<double>(tree.rows.size()) + 44, bottom = height - 40;
   std::string svg = fmt::format(
-      "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {:.0f} {:.0f}' font-family='sans-serif' font-size='12'>\n"
-      "<rect width='{:.0f}' height='{:.0f}' fill='white'/>\n",
-      width, height, width, height);
-  const double middle = width / 2, rail_y = branch_y - 16;
-  svg += box(middle, top_y, 380, 62, "#f6dcd3");
-  svg += text(middle, top_y + 19, "hazardously misleading position", "font-weight='bold'");
-  svg += text(middle, top_y + 35, "for longer than the time to alert");
-  svg += text(middle, top_y + 53,
-              fmt::format("{} per flight hour, 95 % bound {}", number(tree.hazardous_per_h),
-                          number(tree.hazardous_bound_per_h)));
-  svg += or_gate(middle, top_y + 62);
-  double column = 0, first_x = 0, last_x = 0;
+      "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {0:.0f} {1:.0f}' font-family='sans-serif' font-size='12'>\n"
+      "<rect width='{0:.0f}' height='{1:.0f}' fill='white'/>\n",
+      kWidth, height);
+  svg += text(kRateX, kTop - 22, "λ, 1/h", "end", "fill='#555'") +
+         text(kProbabilityX, kTop - 22, "P(hazard)", "end", "fill='#555'") +
+         text(kScaleEnd, 20, "rate of the top event, 1/h:", "end", "fill='#555'") +
+         text(kScaleEnd, 35, "bar estimate, line 95 % bound", "end", "fill='#555'");
+  for (const double power : {-12.0, -10.0, -8.0, -6.0, -4.0, -2.0, 0.0}) {
+    svg += text(scale_x(std::pow(10, power)), kTop - 22, fmt::format("{:g}", power), "middle",
+                "fill='#555' font-size='10'");
+  }
+  for (const double target : {kSail3_per_h, kSail4_per_h}) {
+    svg += line(scale_x(target), kTop - 16, scale_x(target), bottom, "stroke='#a33' stroke-dasharray='4 3'");
+  }
+  double y = kTop;
+  std::vector<double> branches;
   for (std::size_t b = 0; b < kBranches.size(); ++b) {
-    std::vector<const TreeRow*> rows;
-    double sum = 0, bound = 0;
+    std::vector<double> events;
+    double bound = 0;
     for (const TreeRow& row : tree.rows) {
       if (row.event.branch != kBranches[b]) continue;
-      rows.push_back(&row);
-      sum += row.hazardous_per_h, bound += row.hazardous_bound_per_h;
+      bound += row.hazardous_bound_per_h;
+      svg += fmt::format("<circle cx='{:.1f}' cy='{:.1f}' r='6' fill='#f4f4ee' stroke='#444'/>\n", kEventX, y);
+      svg += text(kEventX + 14, y + 4, row.name, "start") +
+             text(kRateX, y + 4, fmt::format("{:.0e}", row.stretches_per_h), "end") +
+             text(kProbabilityX, y + 4, number(row.probability.hazardous.mean), "end");
+      const double end = scale_x(row.hazardous_per_h);
+      svg += fmt::format("<rect x='{:.1f}' y='{:.1f}' width='{:.1f}' height='12' fill='#6d94b8'/>\n", kScaleX, y - 6,
+                         end - kScaleX);
+      svg += line(end, y, scale_x(row.hazardous_bound_per_h), y, "stroke='#1b4f72' stroke-width='2'");
+      events.push_back(y);
+      y += kRow;
     }
-    const auto count = static_cast<double>(rows.size());
-    const double x = kMargin + kColumn * (column + count / 2);
-    if (b == 0) first_x = x;
-    last_x = x;
-    svg += line(x, rail_y, x, branch_y) + box(x, branch_y, 150, 48, "#e8eef4");
-    svg += text(x, branch_y + 19, kBranchNames[b], "font-weight='bold'");
-    svg += text(x, branch_y + 37, fmt::format("≤ {} / h", number(bound)));
-    svg += or_gate(x, branch_y + 48);
-    const double rail = event_y - 22;
-    svg += line(x, branch_y + 70, x, rail);
-    svg += line(kMargin + kColumn * (column + 0.5), rail, kMargin + kColumn * (column + count - 0.5), rail);
-    for (const TreeRow* row : rows) {
-      const double at = kMargin + kColumn * (column + 0.5);
-      svg += line(at, rail, at, event_y) + box(at, event_y, kBoxWidth, kBoxHeight, "#fff");
-      double text_y = event_y + 18;
-      for (const std::string& words : wrapped(row->name, 15)) {
-        svg += text(at, text_y, words);
-        text_y += 15;
-      }
-      svg += line(at, event_y + kBoxHeight, at, event_y + kBoxHeight + 12);
-      svg += fmt::format("<circle cx='{:.0f}' cy='{:.0f}' r='46' fill='#f4f4ee' stroke='#444'/>\n", at,
-                         event_y + kBoxHeight + 58);
-      const double y = event_y + kBoxHeight + 36;
-      svg += text(at, y, fmt::format("λ {:.0e} / h", row->stretches_per_h), "font-size='11'");
-      svg += text(at, y + 17, fmt::format("P {}", number(row->probability.hazardous.mean)), "font-size='11'");
-      svg += text(at, y + 34, fmt::format("≤ {}", number(row->probability.hazardous.bound)), "font-size='11'");
-      svg += text(at, y + 51, fmt::format("≤ {} / h", number(row->hazardous_bound_per_h)), "font-size='10'");
-      column += 1;
-    }
+    const double middle = (events.front() + events.back()) / 2;
+    svg += box(kBranchX, middle, kBranchWidth, 44, "#e8eef4");
+    svg += text(kBranchX + kBranchWidth / 2, middle - 4, kBranchNames[b], "middle", "font-weight='bold'");
+    svg += text(kBranchX + kBranchWidth / 2, middle + 13, fmt::format("≤ {} / h", number(bound)), "middle");
+    svg += or_gate(kBranchX + kBranchWidth, middle, events, kEventX - 6);
+    branches.push_back(middle);
   }
-  svg += line(middle, top_y + 84, middle, rail_y) + line(first_x, rail_y, last_x, rail_y);
+  const double middle = (branches.front() + branches.back()) / 2, centre = kTopX + kTopWidth / 2;
+  svg += box(kTopX, middle, kTopWidth, 104, "#f6dcd3");
+  double at = middle - 32;
+  for (const char* words : {"hazardously misleading", "position, longer than", "the time to alert"}) {
+    svg += text(centre, at, words, "middle", "font-weight='bold'");
+    at += 16;
+  }
+  svg += text(centre, at + 6, fmt::format("{} / h", number(tree.hazardous_per_h)), "middle");
+  svg += text(centre, at + 22, fmt::format("95 % bound {}", number(tree.hazardous_bound_per_h)), "middle");
+  svg += or_gate(kTopX + kTopWidth, middle, branches, kBranchX);
   svg +=
-      text(middle, height - 14,
-           fmt::format("λ: stretches of {:g} minutes with the fault, assumed. P: of a hazardously misleading position, "
-                       "by splitting; ≤: 95 % bound",
+      text(kTopX, height - 12,
+           fmt::format("λ: stretches of {:g} minutes with the fault in a flight hour, assumed. P: by splitting. Scale: "
+                       "powers of ten; dashed: 1e-5 and 1e-4.",
                        tree.minutes),
-           "fill='#555'");
+           "start", "fill='#555'");
   return svg + "</svg>\n";
 }
 

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
 #include <sstream>
 
 #include "base/error.hpp"
@@ -49,23 +48,25 @@ Enum named(const Names& names, const std::string& letter, const std::string& lin
   return static_cast<Enum>(found - names.begin());
 }
 
-MeasuredLook measured_of(const std::string& line, const std::vector<std::string>& grounds) {
+MeasuredLook measured_of(const std::string& line, const std::vector<std::string>& grounds,
+                         const std::vector<std::string>& pictures) {
   std::istringstream in(line);
   MeasuredLook look;
   LookFinding& found = look.found;
   std::string window, outcome;
-  std::size_t ground = 0;
+  std::size_t ground = 0, picture = 0;
   char comma = 0;
   in >> look.count >> comma >> ground >> comma;
-  for (std::string* cell : {&window, &look.picture}) std::getline(in, *cell, ',');
-  in >> look.radius_m >> comma;
+  std::getline(in, window, ',');
+  in >> picture >> comma >> look.radius_m >> comma;
   std::getline(in, outcome, ',');
   in >> found.log_likelihood_ratio >> comma >> found.error_m >> comma >> found.sigmas.solved_m >> comma >>
       found.sigmas.wrong_consensus_m >> comma >> found.sigmas.unmodelled_m;
-  if (!in || !(in >> std::ws).eof() || look.count < 1 || ground >= grounds.size()) {
+  if (!in || !(in >> std::ws).eof() || look.count < 1 || ground >= grounds.size() || picture >= pictures.size()) {
     throw Error({.what = "a line of measured looks cannot be read", .found = line});
   }
   look.ground = grounds[ground];
+  look.picture = pictures[picture];
   look.window = named<WindowKind>(kWindowNames, window, line);
   found.outcome = named<LookOutcome>(kOutcomeNames, outcome, line);
   return look;
@@ -242,6 +243,8 @@ MeasuredLooks MeasuredLooks::read(const std::filesystem::path& path) {
   std::getline(in, line);
   const std::vector<std::string> grounds = cells_of(line);
   std::getline(in, line);
+  const std::vector<std::string> pictures = cells_of(line);
+  std::getline(in, line);
   std::istringstream counts(line);
   Beyond beyond;
   for (CountedShare& share : beyond) counts >> share.count >> share.of;
@@ -253,26 +256,33 @@ MeasuredLooks MeasuredLooks::read(const std::filesystem::path& path) {
                       .found = line});
   }
   std::vector<MeasuredLook> looks;
-  while (std::getline(in, line)) looks.push_back(measured_of(line, grounds));
+  while (std::getline(in, line)) looks.push_back(measured_of(line, grounds, pictures));
   return {origin, std::move(looks), beyond};
 }
 
 std::string MeasuredLooks::text() const {
-  std::set<std::string> names;
-  for (const MeasuredLook& look : looks_) names.insert(look.ground);
-  const std::vector<std::string> grounds(names.begin(), names.end());
+  std::vector<std::string> grounds, pictures;
+  for (const MeasuredLook& look : looks_) grounds.push_back(look.ground), pictures.push_back(look.picture);
+  for (auto* names : {&grounds, &pictures}) {
+    std::sort(names->begin(), names->end());
+    names->erase(std::unique(names->begin(), names->end()), names->end());
+  }
+  const auto number = [](const std::vector<std::string>& names, const std::string& name) {
+    return std::find(names.begin(), names.end(), name) - names.begin();
+  };
   std::string beyond;
   for (const LookTail& tail : *tails_) {
     beyond += fmt::format("{}{} {}", beyond.empty() ? "" : " ", tail.beyond.count, tail.beyond.of);
   }
-  std::string text = fmt::format("{}{}\n{}\n{}\n{}\n", kFormat, origin_, fmt::join(grounds, ","), beyond, kColumns);
+  std::string text = fmt::format("{}{}\n{}\n{}\n{}\n{}\n", kFormat, origin_, fmt::join(grounds, ","),
+                                 fmt::join(pictures, ","), beyond, kColumns);
   for (const MeasuredLook& l : looks_) {
-    const auto ground = std::find(grounds.begin(), grounds.end(), l.ground) - grounds.begin();
     const LookFinding& f = l.found;
-    text += fmt::format("{},{},{},{},{:.0f},{},{:.3g},{:.3g},{:.2g},{:.2g},{:.2g}\n", l.count, ground,
-                        kWindowNames[static_cast<std::size_t>(l.window)][0], l.picture, l.radius_m,
-                        kOutcomeNames[static_cast<std::size_t>(f.outcome)][0], f.log_likelihood_ratio, f.error_m,
-                        f.sigmas.solved_m, f.sigmas.wrong_consensus_m, f.sigmas.unmodelled_m);
+    text +=
+        fmt::format("{},{},{},{},{:.0f},{},{:.3g},{:.3g},{:.2g},{:.2g},{:.2g}\n", l.count, number(grounds, l.ground),
+                    kWindowNames[static_cast<std::size_t>(l.window)][0], number(pictures, l.picture), l.radius_m,
+                    kOutcomeNames[static_cast<std::size_t>(f.outcome)][0], f.log_likelihood_ratio, f.error_m,
+                    f.sigmas.solved_m, f.sigmas.wrong_consensus_m, f.sigmas.unmodelled_m);
   }
   return text;
 }

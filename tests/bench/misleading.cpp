@@ -36,7 +36,7 @@ std::string splitting_header(const SplittingRun& run) {
 }
 
 std::string line(const SplitRecord& r) {
-  return fmt::format("{},{},{},{:.6g},{:.6g},{},{:.6g},{:.6g},{},{},{},{},{},{}\n", r.index, r.fault,
+  return fmt::format("{},{},{},{:.4g},{:.4g},{},{:.4g},{:.4g},{},{},{},{},{},{}\n", r.index, r.fault,
                      r.misleading.levels, r.misleading.reached, r.misleading.probability, r.hazardous.levels,
                      r.hazardous.reached, r.hazardous.probability, r.plain, r.plain_misleading, r.plain_hazardous,
                      r.looks, r.usable, r.usable_30);
@@ -85,7 +85,7 @@ SplitRecord split(const MeasuredLooks& looks, const RepeatRates& repeats, const 
       record.looks += end.looks, record.usable += end.usable, record.usable_30 += end.usable_30;
     }
   }
-  return record;
+  return split_record_of(line(record));  // rounded as it is stored: a resumed run prints the same
 }
 
 SplitEstimate estimate_of(const std::vector<SplitRecord::Estimate>& repetitions) {

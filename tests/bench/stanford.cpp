@@ -115,8 +115,10 @@ std::string stanford_svg(std::string_view title, const std::vector<LeveledError>
       text(kLeft + kSide / 2, 24, title, "middle", "font-weight='bold'") + regions();
   std::map<std::pair<int, int>, int> cells;
   for (const LeveledError& l : levels) {
-    ++cells[{static_cast<int>(along(l.error_m) * kDecades / kCell),
-             static_cast<int>(along(l.hpl_m) * kDecades / kCell)}];
+    const auto cell = [](double metres) {
+      return static_cast<int>(std::min(along(metres) * kDecades, kDecades - kCell / 2) / kCell);
+    };
+    ++cells[{cell(l.error_m), cell(l.hpl_m)}];
   }
   for (const auto& [cell, count] : cells) {
     const double side = kSide * kCell / kDecades;
@@ -137,13 +139,14 @@ std::string stanford_svg(std::string_view title, const std::vector<LeveledError>
   const LevelFigures f = level_figures(static_cast<int>(levels.size()), levels);
   const int unavailable = f.usable.of - f.usable.count;
   const auto label = [&](double error_m, double hpl_m, const std::string& what) {
-    svg += text(x_of(error_m), y_of(hpl_m), what, "middle", "fill='#333'");
+    svg += text(x_of(error_m), y_of(hpl_m), what, "middle",
+                "fill='#222' stroke='white' stroke-width='4' stroke-linejoin='round' paint-order='stroke'");
   };
-  label(1.9, 70, fmt::format("available {}", f.usable.count - f.misleading.count));
+  label(5, 60, fmt::format("available {}", f.usable.count - f.misleading.count));
   label(14, 1.5, fmt::format("misleading {}", f.misleading.count - f.hazardous.count));
   label(320, 8, "hazardously");
   label(320, 6, fmt::format("misleading {}", f.hazardous.count));
-  label(5, 600, fmt::format("unavailable {}", unavailable));
+  label(9, 650, fmt::format("unavailable {}", unavailable));
   svg += text(kLeft + kSide / 2, kTop + kSide + 42, "error, m", "middle");
   svg += text(22, kTop + kSide / 2, "protection level, m", "middle",
               fmt::format("transform='rotate(-90 22 {})'", kTop + kSide / 2));

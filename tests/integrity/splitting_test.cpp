@@ -6,6 +6,7 @@
 
 #include <fstream>
 
+#include "base/digest.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "bench/fault_tree.hpp"
@@ -138,7 +139,7 @@ TEST(MisleadingFlights, SplittingAgreesWithCountingWhereBothSee) {
 TEST(MisleadingFlights, TheSameSeedGivesTheSameLineOnAnyNumberOfThreads) {
   SplittingRun run;
   run.seed = kJudgeSeed;
-  run.particles = 20;
+  run.particles = 10;
   std::string lines[2];
   for (const int threads : {1, 3}) {
     RunOptions options;
@@ -166,10 +167,10 @@ TEST(MisleadingFlights, StayWithinTheirBounds) {
   for (const Bound& bound : kBounds) {
     SplittingRun run;
     run.seed = kJudgeSeed + 7;
-    run.particles = 60;
+    run.particles = 40;
     std::vector<SplitRecord::Estimate> misleading, hazardous;
     long looks_seen = 0, usable = 0;
-    for (std::uint64_t i = 0; i < 8; ++i) {
+    for (std::uint64_t i = 0; i < 5; ++i) {
       const SplitRecord r = split(stored_looks(), repeats(), run, number_of(bound.fault) + i * fault_kinds().size());
       ASSERT_EQ(r.fault, bound.fault);
       misleading.push_back(r.misleading), hazardous.push_back(r.hazardous);
