@@ -115,6 +115,18 @@ class PlaceBelief {
   double elsewhere_probability() const { return elsewhere_.total(); }
   std::size_t places() const { return places_.size(); }
 
+  // For those who judge a belief: every place as it is now.
+  struct PlaceState {
+    double probability = 0;
+    Eigen::Vector2d offset_m;  // from the track
+    Eigen::Matrix2d covariance_m2;
+  };
+  std::vector<PlaceState> place_states(const Eigen::Matrix2d& track_covariance_m2) const {
+    std::vector<PlaceState> states;
+    for (const Place& p : places_) states.push_back({p.weight.total(), p.offset_m, grown_m2(p, track_covariance_m2)});
+    return states;
+  }
+
  private:
   struct Weight {
     double visible = 0, hidden = 0;

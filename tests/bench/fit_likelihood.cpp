@@ -29,24 +29,12 @@ PictureKind kind_of(const Look& look) {
 TrainingSet training_set(const std::vector<std::filesystem::path>& files) {
   TrainingSet set;
   for (const std::filesystem::path& file : files) {
-    std::istringstream in(read_text_file(file, std::uint64_t{1} << 30));
-    std::string text;
-    std::getline(in, text);
-    if (!text.starts_with("# nadir bench looks, ")) {
-      throw UsageError(
-          {.what = "not a file of looks", .where = file.string(), .expected = "results of looks --resume"});
-    }
-    const std::string run = text.substr(std::string("# nadir bench looks, ").size());
-    std::getline(in, text);  // names of the columns
-    Looks looks;
-    while (std::getline(in, text)) {
-      const Look look = look_of(text);
-      looks[look.index] = look;
-    }
-    for (const auto& [index, look] : looks) {
+    const LooksFile stored = read_looks(file);
+    for (const auto& [index, look] : stored.looks) {
       set.looks.push_back({look.candidate(), look.holds_place(), look.right(), kind_of(look), look.features});
     }
-    set.origin += fmt::format("{}{} looks, {}", set.origin.empty() ? "" : " | ", looks.size(), run);
+    set.origin += fmt::format("{}{} looks, {}, grounds: {}", set.origin.empty() ? "" : " | ", stored.looks.size(),
+                              stored.run, stored.grounds);
   }
   return set;
 }

@@ -6,6 +6,7 @@
 #include <iostream>
 #include <opencv2/core/utility.hpp>
 
+#include "base/files.hpp"
 #include "base/platform.hpp"
 #include "long_flight.hpp"
 #include "seeded_runs.hpp"
@@ -15,7 +16,8 @@ using namespace nadir::bench;
 
 namespace {
 
-int run(const RunOptions& options, int frames, const std::vector<std::uint64_t>& only, bool verbose) {
+int run(const RunOptions& options, int frames, const std::vector<std::uint64_t>& only, bool verbose,
+        const std::filesystem::path& plot) {
   cv::setNumThreads(1);
   keep_freed_memory();
   const LongFlights flights(only.empty() && options.count == 0 ? 0 : options.worlds, frames);
@@ -27,7 +29,10 @@ int run(const RunOptions& options, int frames, const std::vector<std::uint64_t>&
     records = run_all<LongRecord>(options, long_header(options.seed, options.worlds, frames), long_record_of,
                                   [&](std::uint64_t i) { return flights.run(options.seed, i, talk); });
   }
-  std::cout << long_summary(records)
+  const std::map<std::uint64_t, Record> common(records.begin(), records.end());
+  if (!plot.empty()) write_file_atomic(plot, stanford_svg("long flights", all_levels(common)));
+  std::cout << long_summary(records) << "\n"
+            << level_summary(common) << "\n"
             << fmt::format("{} flights of {} frames, base seed {}, {} worlds\n", records.size(), frames, options.seed,
                            options.worlds);
   return std::any_of(records.begin(), records.end(), [](const auto& r) { return r.second.violates(); }) ? 1 : 0;
@@ -48,9 +53,11 @@ int main(int argc, char** argv) {
   app.add_option("--only", only, "run the flights of these indices alone");
   bool verbose = false;
   app.add_flag("--verbose", verbose, "a line for every frame");
+  std::filesystem::path plot;
+  app.add_option("--svg", plot, "draw the Stanford diagram into this file");
   CLI11_PARSE(app, argc, argv);
   try {
-    return run(options, frames, only, verbose);
+    return run(options, frames, only, verbose, plot);
   } catch (const std::exception& error) {
     std::cerr << "flights: " << error.what() << "\n";
     return 2;

@@ -221,7 +221,7 @@ std::string long_header(std::uint64_t base_seed, int worlds, int frames) {
   return fmt::format(
       "# nadir bench flights, base seed {}, {} worlds, {} frames\n"
       "index,condition,frames,attempts,accepted,wrong,anchored,misleading,unknowable,told,overconfident,in_50,in_95,"
-      "nees,worst_sigmas,worst_m,within_20,within_50,refined_within_20,refined_within_50,refined_in_95,losses,"
+      "nees,worst_sigmas,worst_m,levels,within_20,within_50,refined_within_20,refined_within_50,refined_in_95,losses,"
       "recovered,longest_recovery,error_sum_m\n",
       base_seed, worlds, frames);
 }
@@ -239,7 +239,7 @@ LongRecord long_record_of(const std::string& text) {
   std::istringstream in(text);
   std::vector<std::string> cells;
   for (std::string cell; std::getline(in, cell, ',');) cells.push_back(cell);
-  constexpr std::size_t kCommon = 16;
+  constexpr std::size_t kCommon = 17;
   if (cells.size() != kCommon + kCounts.size() + 1) {
     throw Error({.what = "a line of results cannot be read", .found = text});
   }

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
@@ -10,6 +11,7 @@
 #include <sstream>
 
 #include "base/error.hpp"
+#include "base/files.hpp"
 #include "estimation/map_look.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
@@ -155,39 +157,72 @@ void judge(Look& look, const Scene& scene, const AnchorMatch& match) {
   look.features.ratio = match.search.ratio;
   if (!match.search.places.empty()) look.features.score = match.search.places.front().score;
   look.patches = match.patches;
+  look.fine_gsd_m = match.fine_gsd_m;
   if (!match.solved) return;
   const SolvedPose& solved = *match.solved;
   const auto centre = centre_of(scene.camera, solved.pose);
   const Eigen::Matrix2d spread = anchor_model_error_factor(false) * solved.covariance.topLeftCorner<2, 2>();
   look.camera_sigma_m = std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(spread).eigenvalues().maxCoeff());
   if (scene.ground.truth_is_picture_centre) {
-    look.error_m = centre ? distance_m(*centre, scene.truth.position) : 1e4;
-    look.camera_error_m = look.error_m;
+    look.off_m = centre ? Eigen::Vector2d(*centre - scene.truth.position) : Eigen::Vector2d(1e4, 0);
+    look.error_m = look.camera_error_m = look.off_m.norm();
     return;
   }
-  look.camera_error_m = distance_m(solved.pose.position, scene.truth.position);
+  look.off_m = solved.pose.position - scene.truth.position;
+  look.camera_error_m = look.off_m.norm();
   const auto true_centre = scene.ground.frames.empty() ? centre_of(scene.camera, scene.truth) : std::nullopt;
   look.error_m = true_centre && centre ? distance_m(*centre, *true_centre) : look.camera_error_m;
 }
 
-Scene draw_scene(Look& look, const Grounds& grounds, const Ground& ground, std::uint64_t seed, Random& random) {
-  Scene scene{.ground = ground, .truth = {}, .camera = ground.camera.camera, .grey = {}, .prior = {}};
-  if (!ground.frames.empty()) {
-    const auto last = static_cast<int>(ground.frames.size()) - 1;
-    const RecordedFrame& frame = ground.frames[static_cast<std::size_t>(random.integer(0, last))];
+Scene scene_over(const Ground& ground) {
+  return {.ground = ground, .truth = {}, .camera = ground.camera.camera, .grey = {}, .prior = {}};
+}
+
+// For all pictures: the rays of the pixels and the table of the noise take longer to make than a picture.
+struct Studio {
+  Photographer photographer{camera_file().camera};
+  CameraSensor sensor{{camera_file().camera.width, camera_file().camera.height}, camera_file().camera.fx, 1};
+};
+const Studio& studio() {
+  static const Studio one;
+  return one;
+}
+
+void use_recorded(Scene& scene, std::size_t number) {
+  const RecordedFrame& frame = scene.ground.frames[number];
+  scene.grey = read_image_file(frame.file, Colour::grey, 2);
+  scene.camera = scene.ground.camera.camera.scaled(0.5);
+  scene.camera.width = scene.grey.cols, scene.camera.height = scene.grey.rows;
+  scene.truth = {frame.truth, frame.agl_m, {frame.heading_rad, 0, 0}};
+}
+
+Exposure draw_exposure(Random& random) {
+  return {{random.normal(0, 0.3), random.normal(0, 0.5)}, random.uniform(0.85, 1.25)};
+}
+
+// What the camera sees at scene.truth.
+cv::Mat picture_at(const Scene& scene, const CameraSensor& sensor, const Exposure& exposure, std::uint64_t number) {
+  cv::Mat picture = studio().photographer.photograph(scene.ground.picture, scene.ground.picture_gsd_m,
+                                                     *scene.ground.surface, scene.truth);
+  sensor.expose(picture, exposure, number);
+  return picture;
+}
+
+void draw_picture(Scene& scene, Look& look, const CameraSensor& sensor, std::uint64_t number, Random& random) {
+  if (!scene.ground.frames.empty()) {
+    const auto last = static_cast<int>(scene.ground.frames.size()) - 1;
     look.picture = "clear";
-    scene.grey = read_image_file(frame.file, Colour::grey, 2);
-    scene.camera = scene.camera.scaled(0.5);
-    scene.camera.width = scene.grey.cols, scene.camera.height = scene.grey.rows;
-    scene.truth = {frame.truth, frame.agl_m, {frame.heading_rad, 0, 0}};
-  } else {
-    scene.truth = draw_pose(ground, random);
-    cv::Mat picture =
-        Photographer(scene.camera).photograph(ground.picture, ground.picture_gsd_m, *ground.surface, scene.truth);
-    const CameraSensor sensor({scene.camera.width, scene.camera.height}, scene.camera.fx, seed);
-    sensor.expose(picture, {{random.normal(0, 0.3), random.normal(0, 0.5)}, random.uniform(0.85, 1.25)}, 0);
-    scene.grey = spoilt(picture, look, random);
+    use_recorded(scene, static_cast<std::size_t>(random.integer(0, last)));
+    return;
   }
+  scene.truth = draw_pose(scene.ground, random);
+  const Exposure exposure = draw_exposure(random);
+  scene.grey = spoilt(picture_at(scene, sensor, exposure, number), look, random);
+}
+
+// The map in the window, and what is known of the frame.
+void draw_search(Scene& scene, Look& look, const Grounds& grounds, Random& random) {
+  const Ground& ground = scene.ground;
   const Ground* map = &ground;
   if (look.window == "other") {
     const auto last = static_cast<int>(ground.others.size()) - 1;
@@ -210,7 +245,41 @@ Scene draw_scene(Look& look, const Grounds& grounds, const Ground& ground, std::
   if (look.window == "turned" && scene.prior.search.heading_range_rad > 1)
     look.window = "mirrored", scene.map = map->mirrored;
   scene.searched_area_m2 = searched_area_m2(*map, scene.prior.search);
+}
+
+Scene draw_scene(Look& look, const Grounds& grounds, const Ground& ground, std::uint64_t seed, Random& random) {
+  Scene scene = scene_over(ground);
+  const CameraSensor sensor({scene.camera.width, scene.camera.height}, scene.camera.fx, seed);
+  draw_picture(scene, look, sensor, 0, random);
+  draw_search(scene, look, grounds, random);
   return scene;
+}
+
+const Ground& draw_ground(const Grounds& grounds, const LookPlan& plan, Random& random) {
+  const bool real = !grounds.real().empty() && random.chance(plan.real_share);
+  const auto& among = real || grounds.painted().empty() ? grounds.real() : grounds.painted();
+  return among[static_cast<std::size_t>(random.integer(0, static_cast<int>(among.size()) - 1))];
+}
+
+void draw_search_size(Look& look, const Ground& ground, const LookPlan& plan, Random& random) {
+  const double size = random.uniform();
+  look.radius_m = ground.unit * (size < 0.55 ? 60 : size < 0.85 ? 120 : size < 0.98 ? 250 : kLost_m);
+  look.window = draw_window(ground, plan, look.radius_m, random);
+}
+
+void begin_look(Look& look, std::uint64_t index, const Ground& ground) {
+  look.index = index;
+  look.ground = ground.name;
+  look.tolerance_m = ground.tolerance_m;
+}
+
+void match(Look& look, const Scene& scene) {
+  look.agl_m = scene.truth.agl_m;
+  const AnchorMatch match =
+      make_channel_matcher({scene.camera, *scene.map, frame(), *scene.ground.surface})->match(scene.grey, scene.prior);
+  if (match.solved) look.features = features_of(match, scene.prior, scene.searched_area_m2);
+  judge(look, scene, match);
+  look.verdict = !match.on_map ? "no_map" : !match.solved ? "no_pose" : "candidate";
 }
 
 }  // namespace
@@ -218,38 +287,127 @@ Scene draw_scene(Look& look, const Grounds& grounds, const Ground& ground, std::
 Look take_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed, std::uint64_t index) {
   const std::uint64_t seed = hash_of(base_seed, static_cast<std::int64_t>(index), 1);
   Random random(seed);
-  const bool real = !grounds.real().empty() && random.chance(plan.real_share);
-  const auto& among = real || grounds.painted().empty() ? grounds.real() : grounds.painted();
-  const Ground& ground = among[static_cast<std::size_t>(random.integer(0, static_cast<int>(among.size()) - 1))];
+  const Ground& ground = draw_ground(grounds, plan, random);
   Look look;
-  look.index = index;
-  look.ground = ground.name;
-  look.tolerance_m = ground.tolerance_m;
-  const double size = random.uniform();
-  look.radius_m = ground.unit * (size < 0.55 ? 60 : size < 0.85 ? 120 : size < 0.98 ? 250 : kLost_m);
-  look.window = draw_window(ground, plan, look.radius_m, random);
+  begin_look(look, index, ground);
+  draw_search_size(look, ground, plan, random);
   const Scene scene = draw_scene(look, grounds, ground, seed, random);
-  look.agl_m = scene.truth.agl_m;
-  const AnchorMatch match =
-      make_channel_matcher({scene.camera, *scene.map, frame(), *ground.surface})->match(scene.grey, scene.prior);
-  if (match.solved) look.features = features_of(match, scene.prior, scene.searched_area_m2);
-  judge(look, scene, match);
-  look.verdict = !match.on_map ? "no_map" : !match.solved ? "no_pose" : "candidate";
+  match(look, scene);
   return look;
 }
 
-std::string look_header(std::uint64_t base_seed, const LookPlan& plan, const Grounds& grounds) {
+struct LookTaker::Impl {
+  const Grounds& grounds;
+  LookPlan plan;
+  std::uint64_t base_seed;
+  std::optional<std::uint64_t> number;  // of the picture below
+  Look drawn;
+  std::optional<Scene> scene;
+};
+
+LookTaker::LookTaker(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed)
+    : impl_(std::make_unique<Impl>(Impl{grounds, plan, base_seed, std::nullopt, {}, std::nullopt})) {}
+LookTaker::~LookTaker() = default;
+
+Look LookTaker::take(std::uint64_t index) {
+  Impl& s = *impl_;
+  const std::uint64_t number = picture_of(index);
+  if (s.number != number) {
+    Random random(hash_of(s.base_seed, static_cast<std::int64_t>(number), 2));
+    const Ground& ground = draw_ground(s.grounds, s.plan, random);
+    s.drawn = {};
+    begin_look(s.drawn, index, ground);
+    s.scene.emplace(scene_over(ground));
+    draw_picture(*s.scene, s.drawn, studio().sensor, number, random);
+    s.number = number;
+  }
+  Random random(hash_of(s.base_seed, static_cast<std::int64_t>(index), 3));
+  Look look = s.drawn;
+  look.index = index;
+  draw_search_size(look, s.scene->ground, s.plan, random);
+  draw_search(*s.scene, look, s.grounds, random);
+  match(look, *s.scene);
+  return look;
+}
+
+LooksInARow take_looks_in_a_row(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed,
+                                std::uint64_t index) {
+  static constexpr std::array kNewGround = {0.1, 0.25, 0.5, 0.75, 1.0, 1.5};
+  Random random(hash_of(base_seed, static_cast<std::int64_t>(index), 4));
+  const Ground& ground = draw_ground(grounds, plan, random);
+  LooksInARow row;
+  Look& first = row.first;
+  begin_look(first, index, ground);
+  draw_search_size(first, ground, plan, random);
+  Scene scene = scene_over(ground);
+  Eigen::Vector2d step_m;
+  CameraPose next;
+  std::size_t number = 0;
+  Random fault(0);
+  if (!ground.frames.empty()) {
+    number = static_cast<std::size_t>(random.integer(0, static_cast<int>(ground.frames.size()) - 2));
+    first.picture = "clear";
+    use_recorded(scene, number);
+    step_m = ground.frames[number + 1].truth - ground.frames[number].truth;
+    row.new_ground = step_m.norm() / footprint_side_m(scene.camera, scene.truth.agl_m);
+  } else {
+    row.new_ground = kNewGround[static_cast<std::size_t>(random.integer(0, kNewGround.size() - 1))];
+    for (int i = 0;; ++i) {
+      if (i == kPlaceTries) throw Error({.what = "no place of the picture holds two frames", .where = ground.name});
+      scene.truth = next = draw_pose(ground, random);
+      const double way_m = row.new_ground * footprint_side_m(scene.camera, scene.truth.agl_m);
+      const double course_rad = random.uniform(-kPi, kPi);
+      step_m = {way_m * std::sin(course_rad), way_m * std::cos(course_rad)};
+      next.position = scene.truth.position + step_m;
+      next.attitude.heading_rad += random.normal(0, radians(1));
+      next.attitude.pitch_rad += random.normal(0, radians(1));
+      next.attitude.roll_rad += random.normal(0, radians(2));
+      if (shown(ground, next)) break;
+    }
+    const Exposure exposure = draw_exposure(random);
+    fault = random.fork("fault");
+    Random once = fault;
+    scene.grey = spoilt(picture_at(scene, studio().sensor, exposure, index), first, once);
+  }
+  draw_search(scene, first, grounds, random);
+  match(first, scene);
+
+  Look& second = row.second;
+  second = first;
+  second.features = {};
+  second.error_m = second.camera_error_m = -1;
+  second.camera_sigma_m = 0;
+  if (!ground.frames.empty()) {
+    use_recorded(scene, number + 1);
+  } else {
+    scene.truth = next;
+    // Clouds stay where they were in the picture, as dirt on the lens does.
+    scene.grey = spoilt(picture_at(scene, studio().sensor, draw_exposure(random), index + 1), second, fault);
+  }
+  second.picture = first.picture;
+  const PlanePoint middle = scene.prior.search.pose.position;
+  scene.prior = draw_prior(scene, second.radius_m, random);
+  scene.prior.search.pose.position = middle + step_m;
+  match(second, scene);
+  return row;
+}
+
+std::string look_header(std::uint64_t base_seed, const LookPlan& plan, const Grounds& grounds,
+                        std::uint64_t windows_of_picture) {
+  const std::string windows =
+      windows_of_picture == 1 ? "" : fmt::format(", {} windows of each picture", windows_of_picture);
   return fmt::format(
-      "# nadir bench looks, base seed {}, {:g} real, {:g} right, grounds: "
+      "# nadir bench looks, base seed {}, {:g} real, {:g} right{}, grounds: "
       "{}\nindex,ground,window,picture,verdict,radius_m,"
-      "agl_m,patches,{},error_m,camera_error_m,camera_sigma_m,tolerance_m\n",
-      base_seed, plan.real_share, plan.right_share, grounds.names(), fmt::join(LookFeatures::names, ","));
+      "agl_m,patches,{},error_m,camera_error_m,camera_sigma_m,tolerance_m,fine_gsd_m\n",
+      base_seed, plan.real_share, plan.right_share, windows, grounds.names(), fmt::join(LookFeatures::names, ","));
 }
 
 std::string line(const Look& l) {
-  return fmt::format("{},{},{},{},{},{:.0f},{:.0f},{},{:.5f},{:.2f},{:.2f},{:.2f},{:.0f}\n", l.index, l.ground,
+  return fmt::format("{},{},{},{},{},{:.0f},{:.0f},{},{:.5f},{:.2f},{:.2f},{:.2f},{:.0f},{:.3f}\n", l.index, l.ground,
                      l.window, l.picture, l.verdict, l.radius_m, l.agl_m, l.patches,
-                     fmt::join(l.features.values(), ","), l.error_m, l.camera_error_m, l.camera_sigma_m, l.tolerance_m);
+                     fmt::join(l.features.values(), ","), l.error_m, l.camera_error_m, l.camera_sigma_m, l.tolerance_m,
+                     l.fine_gsd_m);
 }
 
 Look look_of(const std::string& text) {
@@ -267,8 +425,32 @@ Look look_of(const std::string& text) {
     in >> *value >> comma;
   }
   in >> l.tolerance_m;
+  if (in && !in.eof() && in.peek() == ',') in >> comma >> l.fine_gsd_m;  // results of the first version end before it
   if (!in) throw Error({.what = "a line of results cannot be read", .found = text});
   return l;
+}
+
+LooksFile read_looks(const std::filesystem::path& path) {
+  static constexpr std::string_view kFormat = "# nadir bench looks, ", kGrounds = ", grounds: ";
+  std::istringstream in(read_text_file(path, std::uint64_t{1} << 30));
+  std::string text;
+  std::getline(in, text);
+  const std::size_t grounds = text.find(kGrounds);
+  if (!text.starts_with(kFormat) || grounds == std::string::npos) {
+    throw UsageError({.what = "not a file of looks",
+                      .where = path.string(),
+                      .expected = fmt::format("{}... as --resume keeps them", kFormat),
+                      .found = text.substr(0, 80)});
+  }
+  LooksFile file{
+      text.substr(kFormat.size(), grounds - kFormat.size()), text.substr(grounds + kGrounds.size()), false, {}};
+  file.shared_pictures = file.run.find("windows of each picture") != std::string::npos;
+  std::getline(in, text);  // names of the columns
+  while (std::getline(in, text)) {
+    const Look look = look_of(text);
+    file.looks[look.index] = look;
+  }
+  return file;
 }
 
 }  // namespace nadir::bench

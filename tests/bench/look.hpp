@@ -2,8 +2,11 @@
 // where every acceptance is false by definition). What is known of the candidate, and whether it is right.
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
+#include <filesystem>
 #include <map>
+#include <memory>
 #include <string>
 
 #include "estimation/look_likelihood.hpp"
@@ -23,7 +26,9 @@ struct Look {
   double camera_error_m = -1;
   double camera_sigma_m = 0;  // of the solved position, with what the solver does not model; the larger axis
   double tolerance_m = 25;
-  std::string verdict;  // no_map, no_pose, candidate
+  double fine_gsd_m = 0;                            // of the matching; 0: not stored
+  Eigen::Vector2d off_m = Eigen::Vector2d::Zero();  // of the position, from the truth; not stored
+  std::string verdict;                              // no_map, no_pose, candidate
 
   bool candidate() const { return error_m >= 0; }
   // The same ground, and the camera no farther off than tilt and height leave open. The patches reach beyond the
@@ -44,11 +49,46 @@ struct LookPlan {
   double right_share = 0.4;  // of windows that hold the place
 };
 
-std::string look_header(std::uint64_t base_seed, const LookPlan& plan, const Grounds& grounds);
+std::string look_header(std::uint64_t base_seed, const LookPlan& plan, const Grounds& grounds,
+                        std::uint64_t windows_of_picture = 1);
 std::string line(const Look& look);
 Look look_of(const std::string& line);
 
+// Results that were kept with --resume. Throws UsageError for another file, Error for a line that cannot be read.
+struct LooksFile {
+  std::string run;  // of the header, without the grounds
+  std::string grounds;
+  bool shared_pictures = false;  // a LookTaker's
+  Looks looks;
+};
+LooksFile read_looks(const std::filesystem::path& path);
+
 // Everything follows from the base seed and the index.
 Look take_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed, std::uint64_t index);
+
+// The same at less cost: kWindowsOfPicture looks in a row are of one picture, each in a window of its own. They share
+// what is odd about the picture, so that it is pictures that are independent, not looks. One object for each thread.
+class LookTaker {
+ public:
+  static constexpr std::uint64_t kWindowsOfPicture = 8;
+  LookTaker(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed);
+  ~LookTaker();
+  Look take(std::uint64_t index);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// The index of the picture that a LookTaker's look was taken of.
+inline std::uint64_t picture_of(std::uint64_t look) { return look / LookTaker::kWindowsOfPicture; }
+
+// Two looks in a row, in the same kind of window of the same map.
+struct LooksInARow {
+  Look first, second;
+  double new_ground = 1;  // share of the second picture that the first does not show; above 1: farther apart
+};
+LooksInARow take_looks_in_a_row(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed,
+                                std::uint64_t index);
 
 }  // namespace nadir::bench

@@ -10,30 +10,6 @@
 namespace nadir::bench {
 namespace {
 
-constexpr double kTail = 0.025;  // of each side of a 95 % interval
-
-// P(X <= count) of a binomial distribution.
-double binomial_cdf(int count, int of, double p) {
-  if (p <= 0) return 1;
-  if (p >= 1) return count >= of ? 1 : 0;
-  double sum = 0;
-  for (int k = 0; k <= count; ++k) {
-    sum += std::exp(std::lgamma(of + 1.0) - std::lgamma(k + 1.0) - std::lgamma(of - k + 1.0) + k * std::log(p) +
-                    (of - k) * std::log1p(-p));
-  }
-  return std::min(sum, 1.0);
-}
-
-// Where a falling function of a share passes a value.
-double passing(const std::function<double(double)>& falling, double value) {
-  double low = 0, high = 1;
-  for (int i = 0; i < 60; ++i) {
-    const double middle = (low + high) / 2;
-    (falling(middle) > value ? low : high) = middle;
-  }
-  return (low + high) / 2;
-}
-
 double weight(const Look& look) { return log_likelihood_ratio(look.features); }
 bool true_place(const Look& look) { return look.right(); }
 
@@ -229,16 +205,6 @@ std::string exceedance_panel(const Looks& looks) {
 
 }  // namespace
 
-double CountedShare::lower() const {
-  if (count == 0 || of == 0) return 0;
-  return passing([this](double p) { return binomial_cdf(count - 1, of, p); }, 1 - kTail);
-}
-
-double CountedShare::upper() const {
-  if (count == of) return 1;
-  return passing([this](double p) { return binomial_cdf(count, of, p); }, kTail);
-}
-
 bool knocked_out(const Look& look) { return !look.holds_place(); }
 
 std::string family(const Look& look) {
@@ -255,6 +221,28 @@ CountedShare share_above(const Looks& looks, double ratio, const LookFilter& fil
     share.count += look.candidate() && weight(look) > least ? 1 : 0;
   }
   return share;
+}
+
+CountedShare pictures_above(const Looks& looks, double ratio) {
+  std::map<std::uint64_t, bool> pictures;
+  for (const auto& [index, look] : looks) {
+    if (knocked_out(look)) pictures[picture_of(index)] |= look.candidate() && weight(look) > std::log(ratio);
+  }
+  CountedShare share{0, static_cast<int>(pictures.size())};
+  for (const auto& [picture, above] : pictures) share.count += above ? 1 : 0;
+  return share;
+}
+
+std::string picture_table(const Looks& looks) {
+  std::string head = "| pictures with looks without their place |", rule = "|---|", row;
+  for (const double t : kThresholds) {
+    const CountedShare share = pictures_above(looks, t);
+    head += fmt::format(" one above {:g}, % (95 %) |", t);
+    rule += "---|";
+    row += fmt::format(" {} ({}: {:.2g} to {:.2g}) |", percent(share), share.count, 100 * share.lower(),
+                       100 * share.upper());
+  }
+  return fmt::format("{}\n{}\n| {} |{}\n", head, rule, pictures_above(looks, 1).of, row);
 }
 
 std::string contradictions(const Looks& looks) {

@@ -6,18 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "counted_share.hpp"
 #include "look.hpp"
 
 namespace nadir::bench {
-
-// A share that was counted, and the interval of the true one with 95 % confidence (Clopper & Pearson 1934: exact, never
-// too narrow).
-struct CountedShare {
-  int count = 0, of = 0;
-  double share() const { return of == 0 ? 0 : static_cast<double>(count) / of; }
-  double lower() const;
-  double upper() const;
-};
 
 using LookFilter = std::function<bool(const Look&)>;
 bool knocked_out(const Look& look);    // its window does not hold the place
@@ -27,6 +19,11 @@ std::string family(const Look& look);  // "painted", "naip", "pair", "arroio", "
 CountedShare share_above(const Looks& looks, double ratio, const LookFilter& filter);
 // The thresholds t that tables show.
 inline constexpr std::array<double, 5> kThresholds = {10, 100, 1000, 3000, 10000};
+
+// Looks of one picture are not independent (LookTaker), pictures are: those with such a look among those with a look
+// that cannot be right.
+CountedShare pictures_above(const Looks& looks, double ratio);
+std::string picture_table(const Looks& looks);
 
 // Whether the looks contradict P(ratio > t | chance) <= 1 / t for one of the thresholds: the lower bound is above.
 // One line for each, empty where none does.

@@ -40,7 +40,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   tiles         where the tiles lie that simulated flights make (--resume FILE; half an hour)
   ortho         frames with their poses through Nadir and through Orthority: the same place, and at what cost
   looks         labelled looks at maps of painted and real ground (--resume FILE; seeds below 1000 train, from 1000000 on judge)
-  integrity     looks that cannot be right, unseen seeds and imagery: how often the likelihood ratio claims they are (--resume FILE; hours)
+  integrity     looks that cannot be right, on unseen seeds and imagery, and misleading positions under faults (--part PART --resume FILE; hours)
   fit-likelihood  the likelihood ratio of a look, fitted to such looks and written as a table (--looks FILE...)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).

@@ -6,6 +6,7 @@
 #include <iostream>
 #include <opencv2/core/utility.hpp>
 
+#include "base/files.hpp"
 #include "base/platform.hpp"
 #include "safety_segment.hpp"
 #include "seeded_runs.hpp"
@@ -15,10 +16,12 @@ using namespace nadir::bench;
 
 namespace {
 
-int run(const RunOptions& options, const std::vector<std::uint64_t>& only, bool verbose) {
+int run(const RunOptions& options, const std::vector<std::uint64_t>& only, bool verbose,
+        const std::filesystem::path& plot) {
   cv::setNumThreads(1);
   keep_freed_memory();
-  const Segments segments(only.empty() && options.count == 0 ? 0 : options.worlds);  // none only to print a table
+  const Segments segments(only.empty() && options.count == 0 ? 0 : options.worlds,
+                          options.seed);  // none only to print a table
   std::function<void(const std::string&)> talk;
   if (verbose) talk = [](const std::string& text) { std::cout << text << std::flush; };
   std::map<std::uint64_t, Record> records;
@@ -33,7 +36,9 @@ int run(const RunOptions& options, const std::vector<std::uint64_t>& only, bool 
       return record;
     });
   }
-  std::cout << summary(records, options.seed)
+  if (!plot.empty()) write_file_atomic(plot, stanford_svg("short flights under faults", all_levels(records)));
+  std::cout << summary(records, options.seed) << "\n"
+            << level_summary(records) << "\n"
             << fmt::format("{} segments, base seed {}, {} worlds\n", records.size(), options.seed, options.worlds);
   return std::any_of(records.begin(), records.end(), [](const auto& r) { return r.second.violates(); }) ? 1 : 0;
 }
@@ -49,9 +54,11 @@ int main(int argc, char** argv) {
   app.add_option("--only", only, "run the segments of these indices alone");
   bool verbose = false;
   app.add_flag("--verbose", verbose, "a line for every frame");
+  std::filesystem::path plot;
+  app.add_option("--svg", plot, "draw the Stanford diagram into this file");
   CLI11_PARSE(app, argc, argv);
   try {
-    return run(options, only, verbose);
+    return run(options, only, verbose, plot);
   } catch (const std::exception& error) {
     std::cerr << "safety: " << error.what() << "\n";
     return 2;

@@ -45,6 +45,7 @@ void judge(const FrameReport& report, const CameraPose& truth, bool unknowable, 
     bad = bad || (anchored && far);
     if (!unknowable) {
       ++record.positioned;
+      if (estimate.hpl_m) record.levels.push_back({error->norm(), *estimate.hpl_m});
       if (nees <= kChi2_50) ++record.in_50;
       if (nees <= kChi2_95) ++record.in_95;
       if (far) ++(anchored ? record.misleading : record.overconfident);

@@ -14,7 +14,7 @@ namespace {
 constexpr std::string_view kColumns =
     "index,condition,frames,attempts,accepted,wrong,anchored,misleading,unknowable,told,overconfident,in_50,in_95,nees,"
     "worst_sigmas,"
-    "worst_m\n";
+    "worst_m,levels\n";
 
 std::string share(int part, int whole) { return whole == 0 ? "-" : fmt::format("{:.1f}", 100.0 * part / whole); }
 
@@ -24,6 +24,7 @@ void add(Record& sum, const Record& r) {
   sum.anchored += r.anchored, sum.misleading += r.misleading, sum.unknowable += r.unknowable,
       sum.positioned += r.positioned, sum.overconfident += r.overconfident;
   sum.in_50 += r.in_50, sum.in_95 += r.in_95, sum.nees += r.nees;
+  sum.levels.insert(sum.levels.end(), r.levels.begin(), r.levels.end());
   sum.worst_sigmas = std::max(sum.worst_sigmas, r.worst_sigmas), sum.worst_m = std::max(sum.worst_m, r.worst_m);
 }
 
@@ -41,9 +42,9 @@ std::string header(std::uint64_t base_seed, int worlds) {
 }
 
 std::string line(const Record& r) {
-  return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{:.4f},{:.3f},{:.2f}\n", r.index, r.condition, r.frames,
+  return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{:.4f},{:.3f},{:.2f},{}\n", r.index, r.condition, r.frames,
                      r.attempts, r.accepted, r.wrong, r.anchored, r.misleading, r.unknowable, r.positioned,
-                     r.overconfident, r.in_50, r.in_95, r.nees, r.worst_sigmas, r.worst_m);
+                     r.overconfident, r.in_50, r.in_95, r.nees, r.worst_sigmas, r.worst_m, levels_text(r.levels));
 }
 
 Record record_of(const std::string& text) {
@@ -56,9 +57,34 @@ Record record_of(const std::string& text) {
                      &r.positioned, &r.overconfident, &r.in_50, &r.in_95}) {
     in >> *value >> comma;
   }
-  in >> r.nees >> comma >> r.worst_sigmas >> comma >> r.worst_m;
-  if (!in) throw Error({.what = "a line of results cannot be read", .found = text});
+  in >> r.nees >> comma >> r.worst_sigmas >> comma >> r.worst_m >> comma;
+  if (!in || comma != ',') throw Error({.what = "a line of results cannot be read", .found = text});
+  std::string levels;
+  std::getline(in, levels, ',');
+  r.levels = levels_of(levels);
   return r;
+}
+
+std::vector<LeveledError> all_levels(const std::map<std::uint64_t, Record>& records) {
+  std::vector<LeveledError> levels;
+  for (const auto& [index, r] : records) levels.insert(levels.end(), r.levels.begin(), r.levels.end());
+  return levels;
+}
+
+std::string level_summary(const std::map<std::uint64_t, Record>& records) {
+  std::vector<Record> sums;  // in the order in which the conditions come
+  Record all;
+  for (const auto& [index, record] : records) {
+    auto sum = std::find_if(sums.begin(), sums.end(), [&](const Record& s) { return s.condition == record.condition; });
+    if (sum == sums.end()) {
+      sum = sums.emplace(sum);
+      sum->condition = record.condition;
+    }
+    add(*sum, record), add(all, record);
+  }
+  std::string text = level_table_head();
+  for (const Record& sum : sums) text += level_row(sum.condition, level_figures(sum.positioned, sum.levels));
+  return text + level_row("**all**", level_figures(all.positioned, all.levels));
 }
 
 std::string summary(const std::map<std::uint64_t, Record>& records, std::uint64_t base_seed) {

@@ -4,6 +4,9 @@
 #include <cstdint>
 #include <map>
 #include <string>
+#include <vector>
+
+#include "stanford.hpp"
 
 namespace nadir::bench {
 
@@ -24,6 +27,7 @@ struct Record {
   double nees = 0;          // sum over the anchored frames
   double worst_sigmas = 0;  // largest error of an anchored frame
   double worst_m = 0;
+  std::vector<LeveledError> levels;  // of the positions that have a protection level
 
   bool violates() const { return wrong > 0 || misleading > 0; }
 };
@@ -32,6 +36,10 @@ std::string header(std::uint64_t base_seed, int worlds);  // two lines: what it 
 std::string line(const Record& record);
 
 Record record_of(const std::string& line);  // throws Error when it is none
+
+// Protection levels by condition, and all of them: for a Stanford diagram.
+std::string level_summary(const std::map<std::uint64_t, Record>& records);
+std::vector<LeveledError> all_levels(const std::map<std::uint64_t, Record>& records);
 
 // A table by condition, and beneath it every violation with its index.
 std::string summary(const std::map<std::uint64_t, Record>& records, std::uint64_t base_seed);

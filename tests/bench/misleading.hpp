@@ -1,0 +1,55 @@
+// P(misleading | fault) by splitting: repetitions with seeds of their own, as lines of CSV, and the table of them.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+
+#include "fault_flight.hpp"
+#include "splitting.hpp"
+
+namespace nadir::bench {
+
+struct SplitRecord {
+  std::uint64_t index = 0;
+  std::string fault;  // FaultKind::code
+  struct Estimate {
+    int levels = 0;
+    double reached = 1;  // probability of the last level
+    double probability = 0;
+  } misleading, hazardous;                                   // each by a splitting of its own
+  int plain = 0, plain_misleading = 0, plain_hazardous = 0;  // flights without splitting, counted
+  long looks = 0, usable = 0, usable_30 = 0;                 // of those
+};
+
+// What identifies a run: the same text, the same results.
+struct SplittingRun {
+  std::uint64_t seed = 0;
+  int particles = 200;
+  FlightLimits limits;
+  std::string looks_origin, looks_sha256, repeats_sha256;
+};
+
+std::string splitting_header(const SplittingRun& run);
+std::string line(const SplitRecord& record);
+SplitRecord split_record_of(const std::string& line);  // throws Error for anything else
+
+// Every fault in turn: the fault is index modulo their number, the repetition the quotient.
+SplitRecord split(const MeasuredLooks& looks, const RepeatRates& repeats, const SplittingRun& run, std::uint64_t index);
+
+// A mean of repetitions, and the bound that it is below with 95 % confidence (Student's t). A repetition that never met
+// the event counts in the bound with the probability of the last level that it reached.
+struct SplitEstimate {
+  double mean = 0, bound = 1, levels = 0;  // levels: mean
+  int repetitions = 0;
+};
+struct FaultProbability {
+  SplitEstimate misleading, hazardous;
+  long plain = 0, plain_misleading = 0, plain_hazardous = 0, looks = 0, usable = 0, usable_30 = 0;
+};
+SplitEstimate estimate_of(const std::vector<SplitRecord::Estimate>& repetitions);
+std::map<std::string, FaultProbability> probabilities(const std::map<std::uint64_t, SplitRecord>& records);
+
+std::string splitting_table(const std::map<std::uint64_t, SplitRecord>& records);
+
+}  // namespace nadir::bench
