@@ -176,7 +176,7 @@ std::string tree_svg(const FaultTree& tree) {
       bound += row.hazardous_bound_per_h;
       svg += fmt::format("<circle cx='{:.1f}' cy='{:.1f}' r='6' fill='#f4f4ee' stroke='#444'/>\n", kEventX, y);
       svg += text(kEventX + 14, y + 4, row.name, "start") +
-             text(kRateX, y + 4, fmt::format("{:.0e}", row.stretches_per_h), "end") +
+             text(kRateX, y + 4, fmt::format("{:g}", row.stretches_per_h), "end") +
              text(kProbabilityX, y + 4, number(row.probability.hazardous.mean), "end");
       const double end = scale_x(row.hazardous_per_h);
       svg += fmt::format("<rect x='{:.1f}' y='{:.1f}' width='{:.1f}' height='12' fill='#6d94b8'/>\n", kScaleX, y - 6,

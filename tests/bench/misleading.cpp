@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -119,6 +120,11 @@ std::map<std::string, FaultProbability> probabilities(const std::map<std::uint64
   for (auto& [fault, sum] : sums) {
     sum.misleading = estimate_of(lists[fault][0]);
     sum.hazardous = estimate_of(lists[fault][1]);
+    // Where a repetition never met the event: what is hazardously misleading is misleading, too.
+    const auto& all = lists[fault][1];
+    if (std::any_of(all.begin(), all.end(), [](const SplitRecord::Estimate& e) { return e.probability == 0; })) {
+      sum.hazardous.bound = std::min(sum.hazardous.bound, sum.misleading.bound);
+    }
   }
   return sums;
 }

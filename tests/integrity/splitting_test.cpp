@@ -262,5 +262,23 @@ TEST(FaultTree, ABasicEventWithoutAProbabilityIsAnError) {
   EXPECT_THROW(fault_tree(known, 5), Error);
 }
 
+// ---- What is published
+
+std::string digest_of(const std::filesystem::path& path) {
+  return sha256(as_bytes(read_text_file(path))).hex().substr(0, 16);
+}
+
+TEST(SafetyCase, ItsTablesAndItsDrawingAreOfTheStoredResults) {
+  const SplittingFile file = read_splitting(kStoredTables / "splitting.csv", kJudgeSeed);
+  EXPECT_THAT(file.run, testing::HasSubstr(digest_of(kStoredTables / "measured_looks.csv")));
+  EXPECT_THAT(file.run, testing::HasSubstr(digest_of(kStoredTables / "repeated_looks.csv")));
+  const std::filesystem::path docs = NADIR_DOCS;
+  const std::string page = read_text_file(docs / "safety-case.md");
+  const FaultTree tree = fault_tree(probabilities(file.records), file.minutes);
+  EXPECT_THAT(page, testing::HasSubstr(tree_table(tree)));
+  EXPECT_THAT(page, testing::HasSubstr(splitting_table(file.records)));
+  EXPECT_EQ(read_text_file(docs / "images" / "fault-tree.svg"), tree_svg(tree));
+}
+
 }  // namespace
 }  // namespace nadir::bench
