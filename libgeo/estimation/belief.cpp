@@ -103,7 +103,7 @@ void PlaceBelief::bring_places_to(const Eigen::Matrix2d& track_covariance_m2) {
 // The ground changes, or clouds do.
 void PlaceBelief::change_visibility(double new_ground) {
   const auto mix = [change = kVisibilityChange * new_ground](Weight& weight) {
-    const double moved = change * (weight.visible - weight.hidden);
+    const double moved = change * (weight.visible - kInitialVisibility * weight.total());
     weight.visible -= moved;
     weight.hidden += moved;
   };

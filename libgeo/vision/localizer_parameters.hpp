@@ -374,7 +374,8 @@ inline constexpr double kDefaultReliefSigma_m = 1.5;
 
 namespace visual_odometry {
 
-inline constexpr int kMaxFeatures = 900;        // 1500 cost a third more and lost nothing; [ablations], 22 Nov 2026
+inline constexpr int kMaxFeatures =
+    1200;  // 900 track two frames fewer of 57 on sparse photos, for 4 ms less; docs/benchmarks.md
 inline constexpr int kOctaveLayers = 3;         // SIFT's own default (Lowe 2004)
 inline constexpr double kSiftContrast = 0.007;  // weaker than SIFT's 0.04, for half the size; [ablations]
 inline constexpr double kMatchRatio = 0.85;     // nearest over second nearest descriptor (Lowe 2004: 0.8); chosen
@@ -423,7 +424,8 @@ namespace belief {
 inline constexpr double kDetectionHits = 2.15;
 inline constexpr double kDetectionLooks = 2.7;
 inline constexpr double kInitialVisibility = 0.8;  // before any look, that the map shows the place; chosen
-// Over a footprint of new ground: the map begins, or ceases, to show the place. Chosen.
+// Over a footprint of new ground the chance that the map shows the place returns to kInitialVisibility by so much of
+// the difference. Chosen.
 inline constexpr double kVisibilityChange = 0.05;
 inline constexpr double kForeignFrame = 1e-4;       // the frame is of another moment; chosen …
 inline constexpr double kForeignBrokenFrame = 0.5;  // … where it does not continue the previous one: one of the two is
