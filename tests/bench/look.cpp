@@ -213,21 +213,33 @@ Scene draw_scene(Look& look, const Grounds& grounds, const Ground& ground, std::
   return scene;
 }
 
+const Ground& draw_ground(const Grounds& grounds, const LookPlan& plan, Random& random) {
+  const bool real = !grounds.real().empty() && random.chance(plan.real_share);
+  const auto& among = real || grounds.painted().empty() ? grounds.real() : grounds.painted();
+  return among[static_cast<std::size_t>(random.integer(0, static_cast<int>(among.size()) - 1))];
+}
+
+void draw_search_size(Look& look, const Ground& ground, const LookPlan& plan, Random& random) {
+  const double size = random.uniform();
+  look.radius_m = ground.unit * (size < 0.55 ? 60 : size < 0.85 ? 120 : size < 0.98 ? 250 : kLost_m);
+  look.window = draw_window(ground, plan, look.radius_m, random);
+}
+
+void begin_look(Look& look, std::uint64_t index, const Ground& ground) {
+  look.index = index;
+  look.ground = ground.name;
+  look.tolerance_m = ground.tolerance_m;
+}
+
 }  // namespace
 
 Look take_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed, std::uint64_t index) {
   const std::uint64_t seed = hash_of(base_seed, static_cast<std::int64_t>(index), 1);
   Random random(seed);
-  const bool real = !grounds.real().empty() && random.chance(plan.real_share);
-  const auto& among = real || grounds.painted().empty() ? grounds.real() : grounds.painted();
-  const Ground& ground = among[static_cast<std::size_t>(random.integer(0, static_cast<int>(among.size()) - 1))];
+  const Ground& ground = draw_ground(grounds, plan, random);
   Look look;
-  look.index = index;
-  look.ground = ground.name;
-  look.tolerance_m = ground.tolerance_m;
-  const double size = random.uniform();
-  look.radius_m = ground.unit * (size < 0.55 ? 60 : size < 0.85 ? 120 : size < 0.98 ? 250 : kLost_m);
-  look.window = draw_window(ground, plan, look.radius_m, random);
+  begin_look(look, index, ground);
+  draw_search_size(look, ground, plan, random);
   const Scene scene = draw_scene(look, grounds, ground, seed, random);
   look.agl_m = scene.truth.agl_m;
   const AnchorMatch match =
@@ -236,6 +248,24 @@ Look take_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_
   judge(look, scene, match);
   look.verdict = !match.on_map ? "no_map" : !match.solved ? "no_pose" : "candidate";
   return look;
+}
+
+PlaceOfLook place_of_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed, std::uint64_t index) {
+  Random random(hash_of(base_seed, static_cast<std::int64_t>(index), 1));
+  PlaceOfLook place{.ground = draw_ground(grounds, plan, random)};
+  Look look;
+  draw_search_size(look, place.ground, plan, random);
+  if (!place.ground.frames.empty()) {
+    const auto last = static_cast<int>(place.ground.frames.size()) - 1;
+    const RecordedFrame& frame = place.ground.frames[static_cast<std::size_t>(random.integer(0, last))];
+    place.middle = frame.truth;
+    place.agl_m = frame.agl_m;
+  } else {
+    const CameraPose pose = draw_pose(place.ground, random);
+    place.middle = centre_of(place.ground.camera.camera, pose).value_or(pose.position);
+    place.agl_m = pose.agl_m;
+  }
+  return place;
 }
 
 std::string look_header(std::uint64_t base_seed, const LookPlan& plan, const Grounds& grounds) {

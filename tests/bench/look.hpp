@@ -51,4 +51,12 @@ Look look_of(const std::string& line);
 // Everything follows from the base seed and the index.
 Look take_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed, std::uint64_t index);
 
+// What such a look was taken of, without taking it.
+struct PlaceOfLook {
+  const Ground& ground;
+  PlanePoint middle{};  // of the ground in the picture
+  double agl_m = 0;
+};
+PlaceOfLook place_of_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed, std::uint64_t index);
+
 }  // namespace nadir::bench
