@@ -97,39 +97,36 @@ std::string class_table(const ProbedLooks& looks) {
   return text;
 }
 
-// Looks over one ground are not independent of each other: the error of the mean is that of the grounds' sums.
-std::string gain_table(const ProbedLooks& looks, const DetectionOdds& odds) {
-  struct Sum {
-    int looks = 0;
-    double without = 0, with = 0;
-  };
-  std::map<std::string, Sum> by_ground;
+struct Sum {
+  int looks = 0;
+  double without = 0, with = 0;
+};
+std::map<std::string, Sum> by_ground(const ProbedLooks& looks, const DetectionOdds& odds) {
+  std::map<std::string, Sum> grounds;
   for (const auto& [look, detection] : expected_by_flights(looks)) {
-    Sum& sum = by_ground[look->ground];
+    Sum& sum = grounds[look->ground];
     const double adjusted = logistic(logit(detection) + std::log(odds_of(odds, look->place.cls)));
     ++sum.looks;
     sum.without += std::log(look->found ? detection : 1 - detection);
     sum.with += std::log(look->found ? adjusted : 1 - adjusted);
   }
+  return grounds;
+}
+
+std::string gain_table(const ProbedLooks& looks, const DetectionOdds& odds) {
   std::string text = fmt::format(
       "odds factors: good {:.2f}, weak {:.2f}, poor {:.2f}\n\n| flight over | looks | the flight's own mean, nats a "
-      "look "
-      "| with the factors | gain |\n|---|---|---|---|---|\n",
+      "look | with the factors | gain |\n|---|---|---|---|---|\n",
       odds.good, odds.weak, odds.poor);
   Sum all;
-  for (const auto& [name, sum] : by_ground) {
+  for (const auto& [name, sum] : by_ground(looks, odds)) {
     text += fmt::format("| {} | {} | {:.4f} | {:.4f} | {:+.4f} |\n", name, sum.looks, sum.without / sum.looks,
                         sum.with / sum.looks, (sum.with - sum.without) / sum.looks);
     all.looks += sum.looks, all.without += sum.without, all.with += sum.with;
   }
-  const double gain = (all.with - all.without) / all.looks;
-  double variance = 0;
-  for (const auto& [name, sum] : by_ground) {
-    const double off = sum.with - sum.without - gain * sum.looks;
-    variance += off * off;
-  }
+  const DetectionGain gain = gain_of(looks, odds);
   return text + fmt::format("| **all** | {} | {:.4f} | {:.4f} | {:+.4f} (± {:.4f}, two standard errors) |\n", all.looks,
-                            all.without / all.looks, all.with / all.looks, gain, 2 * std::sqrt(variance) / all.looks);
+                            all.without / all.looks, all.with / all.looks, gain.nats, 2 * gain.sigma_nats);
 }
 
 }  // namespace
@@ -201,7 +198,22 @@ DetectionOdds fitted_odds(const ProbedLooks& looks) {
   return {factor(MatchClass::good), factor(MatchClass::weak), factor(MatchClass::poor)};
 }
 
+DetectionGain gain_of(const ProbedLooks& looks, const DetectionOdds& odds) {
+  const auto grounds = by_ground(looks, odds);
+  const auto count = static_cast<double>(looks.size());
+  DetectionGain gain;
+  for (const auto& [name, sum] : grounds) gain.nats += (sum.with - sum.without) / count;
+  double variance = 0;
+  for (const auto& [name, sum] : grounds) {
+    const double off = sum.with - sum.without - gain.nats * sum.looks;
+    variance += off * off;
+  }
+  gain.sigma_nats = std::sqrt(variance) / count;
+  return gain;
+}
+
 std::string detection_tables(const ProbedLooks& looks, const DetectionOdds& odds) {
+  if (looks.empty()) return "no clear look in its place\n";
   return class_table(looks) + "\n" + gain_table(looks, odds);
 }
 

@@ -44,8 +44,14 @@ struct DetectionOdds {
 // The likeliest ones, beside what a flight learns without them.
 DetectionOdds fitted_odds(const ProbedLooks& looks);
 
-// How often each class finds its place; and what the factors add to the mean that a flight over each ground learns
-// (estimation/belief.hpp), in nats a look.
+// What the factors add to the mean that a flight over each ground learns (estimation/belief.hpp): log-likelihood of
+// found or not, per look. Looks over one ground are not independent of each other: the error is that of grounds.
+struct DetectionGain {
+  double nats = 0, sigma_nats = 0;
+};
+DetectionGain gain_of(const ProbedLooks& looks, const DetectionOdds& odds);
+
+// How often each class finds its place, and that gain by ground.
 std::string detection_tables(const ProbedLooks& looks, const DetectionOdds& odds);
 
 }  // namespace nadir::bench
