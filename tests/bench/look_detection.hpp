@@ -20,7 +20,7 @@ struct ProbedLook {
 };
 using ProbedLooks = std::map<std::uint64_t, ProbedLook>;
 
-// Of a plain look at what the map shows: P_D is about those.
+// Clear, and in its place: P_D is about those of them whose place the map shows.
 bool shows_detection(const Look& look);
 
 std::string probed_csv(const ProbedLooks& looks);

@@ -30,7 +30,8 @@ ProbedLooks probe_all(const Looks& looks, const Grounds& grounds, const LookPlan
                    .found = fmt::format("{} from {:.0f} m", look.ground, look.agl_m),
                    .fix = "take the looks again"});
     }
-    probed[index] = probe.probe(look, place);
+    const ProbedLook result = probe.probe(look, place);
+    if (result.place.valid >= kMinValidShare) probed[index] = result;  // else the map does not show the place
   }
   return probed;
 }
