@@ -10,17 +10,12 @@
 #include <opencv2/core/mat.hpp>
 
 #include "imagery/map_window.hpp"
+#include "imagery/matchability_raster.hpp"
 #include "vision/camera.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir {
 
-enum class MatchClass : std::uint8_t {
-  outside = 0,  // not evaluated
-  good = 1,     // a frame may anchor on its own
-  weak = 2,     // only where a healthy prediction agrees
-  poor = 3,     // no anchor is to be expected
-};
 const char* name_of(MatchClass cls);
 
 // What a flight needs to anchor (localizer_parameters.hpp); matchability_options() fills them in.
