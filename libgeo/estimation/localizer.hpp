@@ -19,6 +19,7 @@
 #include "estimation/telemetry.hpp"
 #include "estimation/visual_odometry.hpp"
 #include "geodesy/local_frame.hpp"
+#include "imagery/matchability_raster.hpp"
 #include "imagery/tile_source.hpp"
 #include "vision/camera.hpp"
 #include "vision/ground_surface.hpp"
