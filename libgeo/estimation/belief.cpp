@@ -43,6 +43,23 @@ bool same_place(const Eigen::Vector2d& off, const Eigen::Matrix2d& one_m2, const
   return chi2_of(off, one_m2) <= kSamePlace_chi2 && chi2_of(off, other_m2) <= kSamePlace_chi2;
 }
 
+// Where the Gaussian is, but for 5 % along each axis.
+PlaneBox around(const Gaussian& place) {
+  const double east_m = 2 * std::sqrt(place.covariance_m2(0, 0)), north_m = 2 * std::sqrt(place.covariance_m2(1, 1));
+  const auto [east, north] = place.mean;
+  return {east - east_m, north - north_m, east + east_m, north + north_m};
+}
+
+// The second box where they do not meet.
+PlaneBox overlap(const PlaneBox& one, const PlaneBox& other) {
+  const PlaneBox both{std::max(one.west_m, other.west_m), std::max(one.south_m, other.south_m),
+                      std::min(one.east_m, other.east_m), std::min(one.north_m, other.north_m)};
+  return both.west_m < both.east_m && both.south_m < both.north_m ? both : other;
+}
+
+// Of a miss where the map shows the place: the place was in the window, and the candidate is not it. share: q.
+double missed_share(double detection, double share) { return (1 - detection) * share / (1 - detection * share); }
+
 double larger_eigenvalue(const Eigen::Matrix2d& covariance_m2) {
   return Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance_m2, Eigen::EigenvaluesOnly).eigenvalues()[1];
 }
@@ -112,21 +129,33 @@ void PlaceBelief::change_visibility(double new_ground) {
   for (Place& place : places_) mix(place.weight);
 }
 
-// expected: likelihood ratio of the candidate where the hypothesis expects it, without P_D. share: q.
-PlaceBelief::Evidence PlaceBelief::evidence_of(const Look& look, double expected, double share) const {
-  const double detection = detection_hits_ / detection_looks_;
-  const double foreign = look.continues_track ? kForeignFrame : kForeignBrokenFrame;
-  const double ratio = look.candidate ? std::exp(look.candidate->log_likelihood_ratio) : 0;
-  const double elsewhere = foreign * (1 - detection + detection * ratio);
-  return {.hit = (1 - foreign) * detection * expected,
-          .miss = (1 - foreign) * (1 - detection * share) + elsewhere,
-          .hidden = 1 - foreign + elsewhere};
+PlaceBelief::Detection PlaceBelief::detection(const Look& look, const PlaneBox& place) const {
+  const double learned = detection_hits_ / detection_looks_;
+  if (!look.detection_odds) return {learned, learned};
+  const auto at = [&](const PlanePoint& ground) {
+    const double odds = learned / (1 - learned) * look.detection_odds(ground);
+    return odds / (1 + odds);
+  };
+  const PlaneBox seen = overlap(place, look.window);
+  double sum = 0;
+  for (int i = 0; i < kDetectionSamples * kDetectionSamples; ++i) {
+    const double right = (i % kDetectionSamples + 0.5) / kDetectionSamples;
+    const double up = (i / kDetectionSamples + 0.5) / kDetectionSamples;
+    sum += at({seen.west_m + right * (seen.east_m - seen.west_m), seen.south_m + up * (seen.north_m - seen.south_m)});
+  }
+  const double of_place = sum / (kDetectionSamples * kDetectionSamples);
+  return {look.candidate ? at(look.candidate->position) : of_place, of_place};
 }
 
-// Of a miss where the map shows the place: the place was in the window, and the candidate is not it. share: q.
-double PlaceBelief::missed_share(double share) const {
-  const double detection = detection_hits_ / detection_looks_;
-  return (1 - detection) * share / (1 - detection * share);
+// expected: likelihood ratio of the candidate where the hypothesis expects it, without P_D. share: q.
+PlaceBelief::Evidence PlaceBelief::evidence_of(const Look& look, const Detection& detection, double expected,
+                                               double share) {
+  const double foreign = look.continues_track ? kForeignFrame : kForeignBrokenFrame;
+  const double ratio = look.candidate ? std::exp(look.candidate->log_likelihood_ratio) : 0;
+  const double elsewhere = foreign * (1 - detection.at_candidate + detection.at_candidate * ratio);
+  return {.hit = (1 - foreign) * detection.at_candidate * expected,
+          .miss = (1 - foreign) * (1 - detection.of_place * share) + elsewhere,
+          .hidden = 1 - foreign + elsewhere};
 }
 
 // Returns the weight that is at the candidate from now on.
@@ -178,9 +207,10 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
       seen.chi2 = chi2_of(off, spread);
     }
     const double share_of_window = std::min(1.0, inside(look.window, place) / in_area);
-    const Evidence evidence = evidence_of(look, expected, share_of_window);
+    const Detection found = detection(look, around(place));
+    const Evidence evidence = evidence_of(look, found, expected, share_of_window);
     seen.believed = judge(weight, evidence, look.new_ground);
-    seen.missed = missed_share(share_of_window) * (weight.visible - seen.believed);
+    seen.missed = missed_share(found.of_place, share_of_window) * (weight.visible - seen.believed);
     if (look.candidate) {
       seen.beside =
           (weight.total() - seen.believed) * inside(square_around(look.candidate->position, kHarmless_m), place);
@@ -193,11 +223,12 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
     by_place.push_back(
         weigh(place.weight, {PlanePoint(track.position.vector() + place.offset_m), place.covariance_m2}));
   }
-  const double from_elsewhere = judge(elsewhere_, evidence_of(look, ratio * share, share), look.new_ground);
+  const Detection anywhere = detection(look, look.window);
+  const double from_elsewhere = judge(elsewhere_, evidence_of(look, anywhere, ratio * share, share), look.new_ground);
 
   // How often does this camera find the place on this map?
   double found = by_track.believed + from_elsewhere;
-  double missed = by_track.missed + missed_share(share) * (elsewhere_.visible - from_elsewhere);
+  double missed = by_track.missed + missed_share(anywhere.of_place, share) * (elsewhere_.visible - from_elsewhere);
   double all = track_.total() + elsewhere_.total();
   for (std::size_t i = 0; i < places_.size(); ++i) {
     found += by_place[i].believed;

@@ -22,7 +22,9 @@
 // where N and q_i are those of the hypothesis inside the area.
 //   L_visible = hit + miss,  L_hidden = 1
 // P_D is the mean of a beta distribution: how often a place is found differs from ground to ground and from camera to
-// camera (the prior, from measured looks), and a flight learns its own from the weights of its looks.
+// camera (the prior, from measured looks), and a flight learns its own from the weights of its looks. Where the map is
+// known to be matched well or badly, its odds have a factor. In hit it is that of the ground at z, because the place is
+// there; in miss the mean over the hypothesis in the window, because the place may be anywhere in it.
 //
 // With the chance p_f that the frame is not of this moment (a mixed-up recording): L ← (1 - p_f) L + p_f (1 - P_D + P_D
 // ℓ). Weights are multiplied by L; of a visible hypothesis the share hit / L is at z from now on.
@@ -50,6 +52,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -77,6 +80,8 @@ struct Look {
   std::optional<LookCandidate> candidate;
   double new_ground = 1;        // s
   bool continues_track = true;  // false: the frame and the previous one should overlap, and do not
+  // Factor on the odds of P_D of the ground beneath a camera, above 0, by its matchability; empty: 1 everywhere.
+  std::function<double(const PlanePoint&)> detection_odds{};
 };
 
 struct LookResult {
@@ -148,8 +153,12 @@ class PlaceBelief {
   };
   // As the track's covariance has grown since.
   static Eigen::Matrix2d grown_m2(const Place& place, const Eigen::Matrix2d& track_covariance_m2);
-  Evidence evidence_of(const Look& look, double expected, double share) const;
-  double missed_share(double share) const;
+  // P_D at the candidate, and its mean over a hypothesis in the window.
+  struct Detection {
+    double at_candidate, of_place;
+  };
+  Detection detection(const Look& look, const PlaneBox& place) const;
+  static Evidence evidence_of(const Look& look, const Detection& detection, double expected, double share);
   void bring_places_to(const Eigen::Matrix2d& track_covariance_m2);
   double judge(Weight& weight, const Evidence& look, double new_ground) const;
   void change_visibility(double new_ground);

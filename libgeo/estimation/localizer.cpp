@@ -167,6 +167,7 @@ struct Localizer::Impl {
   PoseMeasurement anchor_measurement(const AnchorJob& job, const AnchorReport& report) const;
   FramePose anchor_pose(const AnchorJob& job) const;  // with the filter at the job's frame
 
+  std::function<double(const PlanePoint&)> detection_odds() const;  // by the matchability map
   double map_sigma_of(const AnchorMatch& match) const;
   void widen_for_another_map(LookContext& context, const AnchorMatch& match) const;
   double new_ground() const;
@@ -261,7 +262,8 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
     // Where the track was then, as it is known by now.
     job->context.track.position =
         PlanePoint(job->context.track.position.vector() + s.matching.corrected_m - job->corrected_m);
-    const Look look = look_of(*job->match, job->context);
+    Look look = look_of(*job->match, job->context);
+    if (s.config.matchability != nullptr) look.detection_odds = s.detection_odds();
     LookResult result;
     if (job->match->on_map) result = s.belief.update(look, job->context.track);
     report.anchor = anchor_report(*job->match, job->context, look, result);
@@ -540,6 +542,19 @@ PoseMeasurement Localizer::Impl::anchor_measurement(const AnchorJob& job, const 
   measurement.covariance.topLeftCorner<2, 2>() += wrong_consensus_m2 * Eigen::Matrix2d::Identity();
   measurement.covariance(2, 2) += kMinHeightSigma * kMinHeightSigma;
   return measurement;
+}
+
+// Beneath the camera: cells are as large as footprints, and frames look about straight down.
+std::function<double(const PlanePoint&)> Localizer::Impl::detection_odds() const {
+  return [this](const PlanePoint& place) {
+    switch (config.matchability->at(frame.lonlat_from_plane(place))) {
+      case MatchClass::good: return kGoodDetectionOdds;
+      case MatchClass::weak:
+      case MatchClass::poor: return kPoorDetectionOdds;
+      case MatchClass::outside: break;
+    }
+    return 1.0;
+  };
 }
 
 // What the tiles state that the match was found on, unless the configuration sets it.

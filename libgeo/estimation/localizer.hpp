@@ -19,6 +19,7 @@
 #include "estimation/telemetry.hpp"
 #include "estimation/visual_odometry.hpp"
 #include "geodesy/local_frame.hpp"
+#include "imagery/matchability_raster.hpp"
 #include "imagery/tile_source.hpp"
 #include "vision/camera.hpp"
 #include "vision/ground_surface.hpp"
@@ -55,6 +56,9 @@ struct LocalizerConfig {
   // A package's place index: retrieves similar places, so that a lost aircraft need not search all of the area at
   // once; null: it does. Must outlive the localizer.
   const PlaceRetrieval* places = nullptr;
+  // A package's matchability map: how often looks find their place, by ground; null: everywhere alike. Must outlive the
+  // localizer.
+  const MatchabilityRaster* matchability = nullptr;
   OdometryFactory odometry = make_feature_odometry;
   MapMatcherFactory matcher = make_channel_matcher;
 };

@@ -7,7 +7,6 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <string>
 
@@ -85,33 +84,11 @@ class TerrainTiff {
     }
   }
 
-  // The values of a tag that TIFF itself does not define, null when it is absent or of another type or count.
-  const void* values_of(std::uint32_t tag, TIFFDataType type, std::size_t& count) const {
-    const TIFFField* field = TIFFFindField(tiff_.get(), tag, TIFF_ANY);
-    if (field == nullptr || TIFFFieldDataType(field) != type) return nullptr;
-    const void* values = nullptr;
-    if (TIFFFieldPassCount(field) == 0) {
-      if (type != TIFF_ASCII || TIFFGetField(tiff_.get(), tag, &values) != 1 || values == nullptr) return nullptr;
-      count = std::strlen(static_cast<const char*>(values));
-    } else if (TIFFFieldReadCount(field) == TIFF_VARIABLE2) {
-      std::uint32_t wide = 0;
-      if (TIFFGetField(tiff_.get(), tag, &wide, &values) != 1) return nullptr;
-      count = wide;
-    } else if (TIFFFieldReadCount(field) == TIFF_VARIABLE) {
-      std::uint16_t narrow = 0;
-      if (TIFFGetField(tiff_.get(), tag, &narrow, &values) != 1) return nullptr;
-      count = narrow;
-    } else {
-      return nullptr;
-    }
-    return values;
-  }
-
   void read_grid() {
     std::size_t scales = 0, ties = 0, other = 0;
-    const auto* scale = static_cast<const double*>(values_of(kTagPixelScale, TIFF_DOUBLE, scales));
-    const auto* tie = static_cast<const double*>(values_of(kTagTiepoint, TIFF_DOUBLE, ties));
-    if (values_of(kTagTransformation, TIFF_DOUBLE, other) != nullptr || scale == nullptr || scales != 3 ||
+    const auto* scale = static_cast<const double*>(tiff_values(*tiff_, kTagPixelScale, TIFF_DOUBLE, scales));
+    const auto* tie = static_cast<const double*>(tiff_values(*tiff_, kTagTiepoint, TIFF_DOUBLE, ties));
+    if (tiff_values(*tiff_, kTagTransformation, TIFF_DOUBLE, other) != nullptr || scale == nullptr || scales != 3 ||
         tie == nullptr || ties != 6 || tie[0] != 0 || tie[1] != 0) {
       refuse("a grid that lies north up: ModelPixelScale and one ModelTiepoint of pixel 0, 0", "another georeference");
     }
@@ -124,7 +101,7 @@ class TerrainTiff {
   void check_geo_keys() const {
     constexpr std::uint16_t kModelType = 1024, kRasterType = 1025, kGeographicType = 2048;
     std::size_t count = 0;
-    const auto* keys = static_cast<const std::uint16_t*>(values_of(kTagGeoKeys, TIFF_SHORT, count));
+    const auto* keys = static_cast<const std::uint16_t*>(tiff_values(*tiff_, kTagGeoKeys, TIFF_SHORT, count));
     std::uint16_t model = 0, raster = 0, geographic = 0;
     for (std::size_t i = 4; keys != nullptr && i + 3 < count; i += 4) {
       if (keys[i + 1] != 0) continue;  // the value lies elsewhere: texts and numbers that say nothing new
@@ -140,7 +117,7 @@ class TerrainTiff {
 
   float read_nodata() const {
     std::size_t count = 0;
-    const auto* text = static_cast<const char*>(values_of(kTagNodata, TIFF_ASCII, count));
+    const auto* text = static_cast<const char*>(tiff_values(*tiff_, kTagNodata, TIFF_ASCII, count));
     if (text == nullptr || count == 0) refuse("a stated nodata value", "none");
     const char* end = std::find(text, text + count, '\0');
     float value = 0;

@@ -61,4 +61,25 @@ TiffHandle open_tiff(TiffMemory& memory, const char* name, tmsize_t max_allocati
                                       size_of_memory, nullptr, nullptr, options.get()));
 }
 
+const void* tiff_values(TIFF& tiff, std::uint32_t tag, TIFFDataType type, std::size_t& count) {
+  const TIFFField* field = TIFFFindField(&tiff, tag, TIFF_ANY);
+  if (field == nullptr || TIFFFieldDataType(field) != type) return nullptr;
+  const void* values = nullptr;
+  if (TIFFFieldPassCount(field) == 0) {
+    if (type != TIFF_ASCII || TIFFGetField(&tiff, tag, &values) != 1 || values == nullptr) return nullptr;
+    count = std::strlen(static_cast<const char*>(values));
+  } else if (TIFFFieldReadCount(field) == TIFF_VARIABLE2) {
+    std::uint32_t wide = 0;
+    if (TIFFGetField(&tiff, tag, &wide, &values) != 1) return nullptr;
+    count = wide;
+  } else if (TIFFFieldReadCount(field) == TIFF_VARIABLE) {
+    std::uint16_t narrow = 0;
+    if (TIFFGetField(&tiff, tag, &narrow, &values) != 1) return nullptr;
+    count = narrow;
+  } else {
+    return nullptr;
+  }
+  return values;
+}
+
 }  // namespace nadir

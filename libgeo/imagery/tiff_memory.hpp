@@ -27,4 +27,7 @@ using TiffHandle = std::unique_ptr<TIFF, CloseTiff>;
 // must outlive the handle and stay where it is.
 TiffHandle open_tiff(TiffMemory& memory, const char* name, tmsize_t max_allocation);
 
+// The values of a tag that TIFF itself does not define, null when it is absent or of another type.
+const void* tiff_values(TIFF& tiff, std::uint32_t tag, TIFFDataType type, std::size_t& count);
+
 }  // namespace nadir

@@ -33,12 +33,14 @@ inline constexpr std::string_view kImageryFile = "imagery/base.mbtiles";  // wit
 inline constexpr std::string_view kCogFile = "imagery/base.tif";
 inline constexpr std::string_view kSidecarFile = "imagery/sidecars.sqlite";  // beside a COG
 inline constexpr std::string_view kTerrainFile = "terrain/dem.tif";
+inline constexpr std::string_view kMatchabilityFile = "matchability/matchability.tif";
 
 // Roles of artifacts.
 inline constexpr std::string_view kRoleImagery = "imagery";
 inline constexpr std::string_view kRoleSidecars = "sidecars";  // with a COG
 inline constexpr std::string_view kRoleMission = "mission";
 inline constexpr std::string_view kRoleTerrain = "terrain";
+inline constexpr std::string_view kRoleMatchability = "matchability";
 
 // What is wrong with the name of a file inside a package; nullopt when nothing is. Names come from a signed document
 // and are checked all the same: a name must mean the same file on every file system and must never lead out of the

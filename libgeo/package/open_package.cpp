@@ -68,19 +68,45 @@ void CheckedTiles::report(const char* code, const TileKey& key, std::string foun
                  .fix = "after the flight: verify the package at full depth and check the storage medium"});
 }
 
-OpenPackage::OpenPackage(Verification accepted)
+OpenPackage::OpenPackage(Verification accepted, std::optional<MatchabilityRaster> matchability)
     : folder_(std::move(accepted.folder)),
       imagery_file_(std::move(accepted.imagery)),
       manifest_(std::move(accepted.manifest.value())),
       mission_(std::move(accepted.mission.value())),
       imagery_(imagery_file_->duplicate(), std::move(accepted.tiles)),
-      terrain_(std::move(accepted.terrain)) {}
+      terrain_(std::move(accepted.terrain)),
+      matchability_(std::move(matchability)) {}
 
 std::unique_ptr<CheckedTiles> OpenPackage::another_imagery_reader() const {
   return std::make_unique<CheckedTiles>(imagery_file_->duplicate(), imagery_.sidecars());
 }
 
 namespace {
+
+std::optional<MatchabilityRaster> read_matchability(const Directory& package, const Manifest& manifest,
+                                                    Findings& findings) {
+  const Artifact* artifact = manifest.artifact(kRoleMatchability);
+  if (artifact == nullptr) return std::nullopt;
+  const auto warn = [&](std::string expected, std::string found) {
+    findings.add({.code = "matchability.corrupt",
+                  .severity = Severity::warning,
+                  .where = artifact->path,
+                  .expected = std::move(expected),
+                  .found = std::move(found),
+                  .fix = "make it again with `nadir cache matchability --into-package`"});
+  };
+  try {
+    const Bytes bytes = package.open(artifact->path).read(std::min(artifact->size, kMaxMatchabilityFile));
+    const Sha256 digest = sha256(bytes);
+    if (digest == artifact->sha256) return parse_matchability_raster(bytes, artifact->path);
+    warn(artifact->sha256.hex(), digest.hex());
+  } catch (const Error& error) {
+    const ErrorText& text = error.text();
+    warn(text.expected.empty() ? "a map as `nadir cache matchability` writes it" : text.expected,
+         text.found.empty() ? text.what : text.found);
+  }
+  return std::nullopt;
+}
 
 Opening opened(Verification verification) {
   if (verification.accepted() && !verification.terrain) {
@@ -90,7 +116,10 @@ Opening opened(Verification verification) {
   }
   Opening opening{verification.findings,    verification.newest_root, verification.root_version,
                   verification.newer_roots, verification.time_reset,  nullptr};
-  if (verification.accepted()) opening.package = std::make_unique<OpenPackage>(std::move(verification));
+  if (verification.accepted()) {
+    auto matchability = read_matchability(*verification.folder, *verification.manifest, opening.findings);
+    opening.package = std::make_unique<OpenPackage>(std::move(verification), std::move(matchability));
+  }
   return opening;
 }
 

@@ -9,6 +9,7 @@
 #include <set>
 #include <vector>
 
+#include "imagery/matchability_raster.hpp"
 #include "imagery/tile_source.hpp"
 #include "package/verify.hpp"
 
@@ -43,7 +44,7 @@ class CheckedTiles final : public TileSource {
 
 class OpenPackage {
  public:
-  explicit OpenPackage(Verification accepted);
+  OpenPackage(Verification accepted, std::optional<MatchabilityRaster> matchability);
 
   const Manifest& manifest() const { return manifest_; }
   const Mission& mission() const { return mission_; }
@@ -52,6 +53,8 @@ class OpenPackage {
   // The same tiles for another reader, who needs findings of his own.
   std::unique_ptr<CheckedTiles> another_imagery_reader() const;
   const TerrainRaster* terrain() const { return terrain_ ? &*terrain_ : nullptr; }  // null: flat ground
+  // Null: the package has none, or it cannot be read ("matchability.corrupt").
+  const MatchabilityRaster* matchability() const { return matchability_ ? &*matchability_ : nullptr; }
 
  private:
   std::shared_ptr<const Directory> folder_;
@@ -60,10 +63,11 @@ class OpenPackage {
   Mission mission_;
   CheckedTiles imagery_;
   std::optional<TerrainRaster> terrain_;
+  std::optional<MatchabilityRaster> matchability_;
 };
 
 // package is null when the findings refuse. Whatever the depth, the terrain is read whole and must have the bytes that
-// were signed.
+// were signed. A matchability map that cannot be read is a warning: the flight goes on as without one.
 struct Opening {
   Findings findings;
   TrustRoot newest_root;  // that could be reached from the one that is trusted

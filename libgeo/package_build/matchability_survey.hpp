@@ -8,7 +8,6 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
-#include <string_view>
 #include <vector>
 
 #include "base/progress.hpp"
@@ -16,6 +15,7 @@
 #include "geodesy/region.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/tile_source.hpp"
+#include "package/manifest.hpp"
 #include "vision/matchability.hpp"
 
 namespace nadir {
@@ -44,8 +44,6 @@ struct MatchabilityMap {
   const PlaceMatchability* at(LonLat position) const;
 };
 
-inline constexpr std::size_t kMaxMatchabilityCells = 1'000'000;
-
 // zoom: of the grid's pixels. step_m: the side of the cells, rounded to whole pixels. Throws UsageError for more than
 // kMaxMatchabilityCells. `tiles` is read from several threads; the result does not depend on their number.
 MatchabilityMap survey_matchability(const TileSource& tiles, const Region& region, const LocalFrame& frame, int zoom,
@@ -73,12 +71,6 @@ struct MatchabilitySummary {
 
 MatchabilitySummary summarize_matchability(const MatchabilityMap& map, const std::vector<LonLat>& route,
                                            const LocalFrame& frame);
-
-// Name inside a package that has one, and the artifact's role in its manifest.
-inline constexpr std::string_view kMatchabilityFile = "matchability/matchability.tif";
-inline constexpr std::string_view kRoleMatchability = "matchability";
-
-inline constexpr float kMatchabilityNodata = -1;
 
 // The map as a GeoTIFF in EPSG:3857 (docs/formats/matchability.md), for QGIS and planning tools. Bands, float32: ratio,
 // entropy, texture, class (1 good, 2 weak, 3 poor), score, valid; kMatchabilityNodata outside of the sectors and the

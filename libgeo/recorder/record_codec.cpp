@@ -116,7 +116,8 @@ flatbuffers::Offset<fbs::Localizer> localizer(FlatBufferBuilder& builder, const 
   return fbs::CreateLocalizer(builder, config.start_sigma_m, config.min_search_radius_m, config.max_search_radius_m,
                               config.no_fix_sigma_m, config.map_sigma_m.value_or(0), config.assumed_agl_m,
                               area ? &*area : nullptr, session.terrain, config.anchor_every_m,
-                              config.anchor_above_sigma_m, session.places, config.resumed, config.integrity_risk);
+                              config.anchor_above_sigma_m, session.places, config.resumed, config.integrity_risk,
+                              session.matchability);
 }
 
 void localizer(const fbs::Localizer& table, SessionRecord& session) {
@@ -136,6 +137,7 @@ void localizer(const fbs::Localizer& table, SessionRecord& session) {
   config.integrity_risk = table.integrity_risk();
   session.terrain = table.terrain();
   session.places = table.places();
+  session.matchability = table.matchability();
 }
 
 Bytes encode(const SessionRecord& session) {

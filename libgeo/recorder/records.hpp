@@ -35,9 +35,10 @@ struct SessionRecord {
   std::optional<LonLat> start;  // where the flight began, if it was known
   int picture_shrink = 1;       // images were decoded at 1 / this of their size
   std::uint64_t seed = 0;
-  LocalizerConfig localizer;                                  // of its surface and places only whether there were any
-  bool terrain = false;                                       // the package's terrain was the surface; else flat ground
-  bool places = true;                                         // the package's place index was used, if it has one
+  LocalizerConfig localizer;  // of its surface, places and matchability only whether there were any
+  bool terrain = false;       // the package's terrain was the surface; else flat ground
+  bool places = true;         // the package's place index was used, if it has one
+  bool matchability = false;  // the package's matchability map was used
   std::vector<std::pair<std::string, std::string>> settings;  // other options
   bool looked_up_later = false;                               // Localizer::follow() and finish(); else process()
 };

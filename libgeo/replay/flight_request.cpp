@@ -143,6 +143,7 @@ std::unique_ptr<ReadyFlight> FlightRequest::open(Context& context, const std::fi
                     .area = std::nullopt,
                     .surface = nullptr,
                     .places = nullptr,
+                    .matchability = nullptr,
                     .odometry = odometry_named(odometry_),
                     .matcher = matcher_named(matcher_),
                     .recording = nullptr,
@@ -162,6 +163,7 @@ std::unique_ptr<ReadyFlight> FlightRequest::open(Context& context, const std::fi
     setup.tiles = &package.imagery();
     ready->places = PlaceIndex::open(package.folder(), package.manifest());
     if (ready->places) setup.places = &*ready->places;
+    setup.matchability = package.matchability();
     if (package.terrain() != nullptr) {
       setup.surface = &ready->surface.emplace(*package.terrain(), setup.frame, package.mission().terrain.height_m);
     }

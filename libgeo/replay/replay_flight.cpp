@@ -107,6 +107,8 @@ LocalizerConfig localizer_config(const ReplaySetup& setup) {
   config.surface = setup.surface;
   const bool with_places = setup.recorded == nullptr || setup.recorded->session.places;
   config.places = with_places ? setup.places : nullptr;
+  const bool with_matchability = setup.recorded == nullptr || setup.recorded->session.matchability;
+  config.matchability = with_matchability ? setup.matchability : nullptr;
   config.odometry = setup.odometry;
   config.matcher = setup.matcher;
   return config;

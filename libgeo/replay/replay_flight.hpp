@@ -37,6 +37,7 @@ struct ReplaySetup {
   std::optional<PlaneBox> area;            // where the flight can be, when its start is not known
   const GroundSurface* surface = nullptr;  // null: flat ground
   const PlaceRetrieval* places = nullptr;  // null: when lost, all of the area is searched
+  const MatchabilityRaster* matchability = nullptr;
   OdometryFactory odometry = make_feature_odometry;
   MapMatcherFactory matcher = make_channel_matcher;
   ReplayRecording* recording = nullptr;      // where it is recorded, if anywhere

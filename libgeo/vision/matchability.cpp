@@ -100,6 +100,23 @@ const char* name_of(MatchClass cls) {
   return kNames[static_cast<std::size_t>(cls)];
 }
 
+MatchabilityOptions matchability_options(double footprint_m, double gsd_m, double search_m) {
+  MatchabilityOptions options;
+  options.footprint_m = footprint_m;
+  options.gsd_m = gsd_m;
+  options.distinct_m = std::max(kDistinct_m, kDistinct_px * gsd_m);  // as in flight (matching_plan.cpp)
+  options.radius_m = std::max(search_m, kMinWindowDistinct * options.distinct_m);
+  options.limits = {.good_ratio = kGoodRatio,
+                    .weak_ratio = kHopelessRatio,
+                    .min_score = kLeastScore,
+                    .min_valid = kMinValidShare};  // as a placement needs in flight
+  return options;
+}
+
+double square_footprint_m(const CameraModel& camera, double agl_m) {
+  return agl_m * std::sqrt(camera.width / camera.fx * (camera.height / camera.fy));
+}
+
 MatchabilityProbe::MatchabilityProbe(const MatchabilityOptions& options)
     : options_(options), noise_(make_noise(options.seed)) {}
 

@@ -10,19 +10,15 @@
 #include <opencv2/core/mat.hpp>
 
 #include "imagery/map_window.hpp"
+#include "imagery/matchability_raster.hpp"
+#include "vision/camera.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir {
 
-enum class MatchClass : std::uint8_t {
-  outside = 0,  // not evaluated
-  good = 1,     // a frame may anchor on its own
-  weak = 2,     // only where a healthy prediction agrees
-  poor = 3,     // no anchor is to be expected
-};
 const char* name_of(MatchClass cls);
 
-// Beyond these the localizer rejects an anchor. The caller fills them in from libgeo/estimation.
+// What a flight needs to anchor (localizer_parameters.hpp); matchability_options() fills them in.
 struct MatchabilityLimits {
   double good_ratio = 0;
   double weak_ratio = 0;
@@ -39,6 +35,11 @@ struct MatchabilityOptions {
   std::uint64_t seed = 1;      // of the noise
   MatchabilityLimits limits;
 };
+
+// As a flight searches that correlates at gsd_m, within search_m around its prediction.
+MatchabilityOptions matchability_options(double footprint_m, double gsd_m, double search_m);
+// Side of the square with the area of a frame's footprint.
+double square_footprint_m(const CameraModel& camera, double agl_m);
 
 struct PlaceMatchability {
   MatchClass cls = MatchClass::outside;

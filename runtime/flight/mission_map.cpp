@@ -27,6 +27,7 @@ LocalizerConfig MissionMap::config() const {
   config.integrity_risk = package_->mission().integrity.risk;
   config.surface = surface_.get();
   config.places = places_ ? &*places_ : nullptr;
+  config.matchability = package_->matchability();
   return config;
 }
 

@@ -58,6 +58,7 @@ void add_start(SessionRecord& session, const LocalizationSetup& setup, const Mis
   session.localizer = setup.config;
   session.terrain = setup.config.surface != nullptr;
   session.places = setup.config.places != nullptr;
+  session.matchability = setup.config.matchability != nullptr;
   session.settings = {{"odometry", "features"}, {"matcher", "channels"}};  // the defaults of LocalizerConfig
 }
 

@@ -392,6 +392,24 @@ LooksInARow take_looks_in_a_row(const Grounds& grounds, const LookPlan& plan, st
   return row;
 }
 
+PlaceOfLook place_of_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed, std::uint64_t index) {
+  Random random(hash_of(base_seed, static_cast<std::int64_t>(index), 1));
+  PlaceOfLook place{.ground = draw_ground(grounds, plan, random)};
+  Look look;
+  draw_search_size(look, place.ground, plan, random);
+  if (!place.ground.frames.empty()) {
+    const auto last = static_cast<int>(place.ground.frames.size()) - 1;
+    const RecordedFrame& frame = place.ground.frames[static_cast<std::size_t>(random.integer(0, last))];
+    place.middle = frame.truth;
+    place.agl_m = frame.agl_m;
+  } else {
+    const CameraPose pose = draw_pose(place.ground, random);
+    place.middle = centre_of(place.ground.camera.camera, pose).value_or(pose.position);
+    place.agl_m = pose.agl_m;
+  }
+  return place;
+}
+
 std::string look_header(std::uint64_t base_seed, const LookPlan& plan, const Grounds& grounds,
                         std::uint64_t windows_of_picture) {
   const std::string windows =

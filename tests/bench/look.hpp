@@ -91,4 +91,12 @@ struct LooksInARow {
 LooksInARow take_looks_in_a_row(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed,
                                 std::uint64_t index);
 
+// What such a look was taken of, without taking it.
+struct PlaceOfLook {
+  const Ground& ground;
+  PlanePoint middle{};  // of the ground in the picture
+  double agl_m = 0;
+};
+PlaceOfLook place_of_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_seed, std::uint64_t index);
+
 }  // namespace nadir::bench

@@ -2,15 +2,41 @@
 // imagery, matched where their place is and where it is not.
 #include <fmt/format.h>
 
+#include <cmath>
 #include <iostream>
 #include <opencv2/core/utility.hpp>
 
+#include "base/error.hpp"
+#include "base/files.hpp"
 #include "base/platform.hpp"
 #include "look.hpp"
+#include "look_detection.hpp"
 #include "seeded_runs.hpp"
 
 using namespace nadir;
 using namespace nadir::bench;
+
+namespace {
+
+ProbedLooks probe_all(const Looks& looks, const Grounds& grounds, const LookPlan& plan, std::uint64_t seed) {
+  GroundProbe probe;
+  ProbedLooks probed;
+  for (const auto& [index, look] : looks) {
+    if (!shows_detection(look)) continue;
+    const PlaceOfLook place = place_of_look(grounds, plan, seed, index);
+    if (place.ground.name != look.ground || std::abs(place.agl_m - look.agl_m) > 1) {
+      throw Error({.what = "the results hold a look that is drawn differently today",
+                   .expected = fmt::format("{} from {:.0f} m", place.ground.name, place.agl_m),
+                   .found = fmt::format("{} from {:.0f} m", look.ground, look.agl_m),
+                   .fix = "take the looks again"});
+    }
+    const ProbedLook result = probe.probe(look, place);
+    if (result.place.valid >= kMinValidShare) probed[index] = result;  // else the map does not show the place
+  }
+  return probed;
+}
+
+}  // namespace
 
 int main(int argc, char** argv) {
   CLI::App app("Labelled looks at the map: features of the match, and whether it is right.", "looks");
@@ -22,6 +48,13 @@ int main(int argc, char** argv) {
   app.add_option("--right", plan.right_share, "share of windows that hold the place")->check(CLI::Range(0.0, 1.0));
   std::filesystem::path data = data_folder();
   app.add_option("--data", data, "folder of the real sets; default: $NADIR_DATA, else ../shared/data");
+  std::filesystem::path probes;
+  app.add_option("--matchability", probes,
+                 "probe the ground of the clear looks in their place, write it to this CSV file, and print how often "
+                 "each class finds its place");
+  std::vector<double> odds;
+  app.add_option("--odds", odds, "with --matchability: factors for good, weak and poor; default: fitted to these looks")
+      ->expected(3);
   CLI11_PARSE(app, argc, argv);
   try {
     cv::setNumThreads(1);
@@ -39,6 +72,13 @@ int main(int argc, char** argv) {
     std::cout << "| window, picture | looks | candidates | right |\n|---|---|---|---|\n";
     for (const auto& [name, count] : counts) {
       std::cout << fmt::format("| {} | {} | {} | {} |\n", name, count[0], count[1], count[2]);
+    }
+    if (!probes.empty()) {
+      const ProbedLooks probed = probe_all(looks, grounds, plan, options.seed);
+      write_file_atomic(probes, probed_csv(probed));
+      std::cout << "\n"
+                << detection_tables(probed,
+                                    odds.empty() ? fitted_odds(probed) : DetectionOdds{odds[0], odds[1], odds[2]});
     }
     return 0;
   } catch (const std::exception& error) {

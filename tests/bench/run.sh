@@ -39,7 +39,8 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   contract      a client generated from the upload's OpenAPI file sends a batch (NADIR_BENCH_VENV with openapi-python-client)
   tiles         where the tiles lie that simulated flights make (--resume FILE; half an hour)
   ortho         frames with their poses through Nadir and through Orthority: the same place, and at what cost
-  looks         labelled looks at maps of painted and real ground (--resume FILE; seeds below 1000 train, from 1000000 on judge)
+  looks         labelled looks at maps of painted and real ground (--resume FILE; seeds below 1000 train, from 1000000 on judge;
+                --matchability FILE: how often they find their place, by the matchability of the ground)
   integrity     looks that cannot be right, on unseen seeds and imagery, and misleading positions under faults (--part PART --resume FILE; hours)
   fit-likelihood  the likelihood ratio of a look, fitted to such looks and written as a table (--looks FILE...)
 

@@ -56,6 +56,57 @@ TEST(Belief, AClearLookWhereItIsExpectedMovesTheTrack) {
   EXPECT_GT(flight.belief.track_probability(), 1 - kMaxPlaceDoubt);
 }
 
+// ---- Matchability of the ground
+
+Look with_odds(Look look, double west, double east) {
+  look.detection_odds = [=](const PlanePoint& place) { return place.east_m < 0 ? west : east; };
+  return look;
+}
+
+// What is left of a track of these odds to be seen when a look at its place finds nothing.
+double track_after_a_miss(std::optional<double> odds) {
+  PlaceBelief belief(0.1, kArea);
+  Look look = look_at({0, 0}, 150, std::nullopt, 0);
+  if (odds) look = with_odds(look, *odds, *odds);
+  belief.update(look, track({0, 0}, 8));
+  return belief.track_probability();
+}
+
+TEST(Belief, ALookOverPoorGroundThatFindsNothingSaysLessAndOverGoodGroundMore) {
+  EXPECT_LT(track_after_a_miss(kGoodDetectionOdds), track_after_a_miss(std::nullopt));
+  EXPECT_GT(track_after_a_miss(kPoorDetectionOdds), track_after_a_miss(std::nullopt));
+  EXPECT_LT(track_after_a_miss(kPoorDetectionOdds), 0.9) << "it still says something";
+}
+
+TEST(Belief, GroundOfNoClassChangesNothing) { EXPECT_EQ(track_after_a_miss(1), track_after_a_miss(std::nullopt)); }
+
+// The track over poor ground, a place of the same weight over good ground: finding nothing speaks against the place.
+TEST(Belief, EachHypothesisHasTheOddsOfItsOwnGround) {
+  const auto place_after_a_miss = [](double odds) {
+    PlaceBelief belief(kStartDoubt, kArea);
+    belief.update(look_at({0, 0}, 150, PlanePoint(100, 0), 3), track({-20, 0}, 8, false));
+    EXPECT_EQ(belief.places(), 1U);
+    Look look = with_odds(look_at({0, 0}, 150, std::nullopt, 0), odds, 1 / odds);
+    belief.update(look, track({-20, 0}, 8, false));
+    return 1 - belief.track_probability() - belief.elsewhere_probability();
+  };
+  EXPECT_LT(place_after_a_miss(0.2), place_after_a_miss(1));
+  EXPECT_GT(place_after_a_miss(5), place_after_a_miss(1));
+}
+
+// However extreme the factors, weights stay weights.
+TEST(Belief, ExtremeOddsBreakNothing) {
+  for (const double odds : {1e-12, 1e12}) {
+    LookFlight flight = known_start(30);
+    for (int i = 0; i < 40; ++i) {
+      Look look = look_at(flight.at, 150, i % 3 == 0 ? std::nullopt : std::optional(PlanePoint(40.0 * (i % 5), 0)), 4);
+      flight.belief.update(with_odds(look, odds, 1 / odds), track(flight.at, 30));
+      const double sum = flight.belief.track_probability() + flight.belief.elsewhere_probability();
+      ASSERT_TRUE(sum >= 0 && sum <= 1 + 1e-9) << i << " " << odds;
+    }
+  }
+}
+
 TEST(Belief, AVagueLookMovesNothingAndIsRemembered) {
   LookFlight flight = known_start(50);
   const LookResult first = flight.fly(Eigen::Vector2d(40, 0), 2);

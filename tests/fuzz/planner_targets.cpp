@@ -5,6 +5,7 @@
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
 #include "imagery/codecs.hpp"
+#include "imagery/matchability_raster.hpp"
 #include "imagery/terrain_raster.hpp"
 #include "package_build/vector_features.hpp"
 #include "raster/gdal_drivers.hpp"
@@ -85,6 +86,15 @@ void terrain(std::string_view bytes) {
       const auto height_m = raster.height_m(grid.place(at, at));
       require(!height_m || std::isfinite(*height_m), "a height that is none");
     }
+  });
+}
+
+void matchability(std::string_view bytes) {
+  refusing([&] {
+    const MatchabilityCells cells = parse_matchability_raster(as_bytes(bytes), "fuzz").cells();
+    require(cells.classes.size() == static_cast<std::size_t>(cells.columns) * static_cast<std::size_t>(cells.rows),
+            "another number of classes than cells");
+    for (const MatchClass cls : cells.classes) require(cls <= MatchClass::poor, "a class that is none");
   });
 }
 

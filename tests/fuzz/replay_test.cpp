@@ -33,6 +33,7 @@ const std::vector<Target>& targets() {
                                        {"candidate", fuzz::candidate},
                                        {"candidate_rows", fuzz::candidate_rows},
                                        {"terrain", fuzz::terrain},
+                                       {"matchability", fuzz::matchability},
                                        {"vrt", fuzz::vrt},
                                        {"stac_item", fuzz::stac_item},
                                        {"kml", fuzz::kml},

@@ -27,6 +27,7 @@ void camera(std::string_view bytes);
 void telemetry(std::string_view bytes);
 void poses(std::string_view bytes);
 void terrain(std::string_view bytes);
+void matchability(std::string_view bytes);
 void vrt(std::string_view bytes);      // and what it names, before GDAL sees it
 void picture(std::string_view bytes);  // JPEG, PNG, WebP
 

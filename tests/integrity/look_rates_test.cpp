@@ -154,6 +154,16 @@ TEST(KnockOut, LooksInARowShowTheSameGroundOnTheWay) {
   EXPECT_GT(both, 10) << "most windows hold both places";
 }
 
+// What is probed for matchability is what the look was taken of.
+TEST(KnockOut, ThePlaceOfALookIsKnownWithoutTakingIt) {
+  for (std::uint64_t i = 0; i < 6; ++i) {
+    const Look look = take_look(painted(), {}, kUnseen, i);
+    const PlaceOfLook place = place_of_look(painted(), {}, kUnseen, i);
+    EXPECT_EQ(place.ground.name, look.ground);
+    EXPECT_NEAR(place.agl_m, look.agl_m, 1e-9);
+  }
+}
+
 TEST(KnockOut, RealImageryThatTheFitNeverSaw) {
   if (data_folder().empty()) GTEST_SKIP() << "NOT TESTED: no real imagery; set NADIR_DATA to its folder";
   const Grounds grounds(Purpose::judge, 0, first_world(Purpose::judge), data_folder());

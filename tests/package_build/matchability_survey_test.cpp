@@ -196,5 +196,45 @@ TEST(MatchabilitySurvey, GdalReadsTheSameFromTheGeoTiff) {
   EXPECT_THROW(write_matchability_tiff(map, folder / "no" / "folder.tif"), Error);
 }
 
+// A flight reads what the survey wrote, and nothing that is cut off, altered or another picture.
+TEST(MatchabilitySurvey, AFlightReadsTheSameFromTheGeoTiff) {
+  const MatchabilityMap& map = made_map();
+  const test::TemporaryFolder folder;
+  const auto path = folder / "matchability.tif";
+  write_matchability_tiff(map, path);
+  const Bytes bytes = read_file(path);
+  const MatchabilityRaster raster = parse_matchability_raster(bytes, "map");
+  ASSERT_EQ(raster.cells().columns, map.grid.columns);
+  ASSERT_EQ(raster.cells().rows, map.grid.rows);
+  for (int row = -1; row <= map.grid.rows; ++row) {
+    for (int column = -1; column <= map.grid.columns; ++column) {
+      const LonLat place = map.grid.lonlat_at(column + 0.3, row + 0.6);
+      const PlaceMatchability* cell = map.at(place);
+      EXPECT_EQ(raster.at(place), cell == nullptr ? MatchClass::outside : cell->cls) << column << " " << row;
+    }
+  }
+  for (std::size_t size = 0; size < bytes.size() / 2; size += 97) {  // the last bands are not read
+    EXPECT_THROW(parse_matchability_raster(ByteView(bytes).first(size), "cut"), Error) << size;
+  }
+  const auto converted = [&](std::vector<std::string> options) {
+    const auto other = folder / "other.tif";
+    std::vector<std::string> command{"gdal_translate", "-q"};
+    command.insert(command.end(), options.begin(), options.end());
+    command.insert(command.end(), {path.string(), other.string()});
+    EXPECT_EQ(test::run_process(command).code, 0);
+    return read_file(other);
+  };
+  EXPECT_EQ(parse_matchability_raster(converted({"-co", "INTERLEAVE=BAND"}), "plain").cells().classes,
+            raster.cells().classes);
+  for (const std::vector<std::string>& options : {std::vector<std::string>{"-b", "4"},
+                                                  {"-co", "INTERLEAVE=PIXEL"},
+                                                  {"-co", "INTERLEAVE=BAND", "-ot", "Float64"},
+                                                  {"-co", "INTERLEAVE=BAND", "-co", "TILED=YES"},
+                                                  {"-co", "INTERLEAVE=BAND", "-a_srs", "EPSG:32632"},
+                                                  {"-co", "INTERLEAVE=BAND", "-scale_4", "0", "3", "0", "2"}}) {
+    EXPECT_THROW(parse_matchability_raster(converted(options), "other"), Error) << options.back();
+  }
+}
+
 }  // namespace
 }  // namespace nadir

@@ -40,6 +40,7 @@ TEST(RecordCodec, TheSessionKeepsWhatTheLocalizerStartedFrom) {
   EXPECT_EQ(read.picture_shrink, 2);
   EXPECT_TRUE(read.terrain);
   EXPECT_FALSE(read.places);
+  EXPECT_TRUE(read.matchability);
   EXPECT_TRUE(read.localizer.resumed);
 }
 

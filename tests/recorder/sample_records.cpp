@@ -130,6 +130,7 @@ SessionRecord sample_session() {
   session.localizer.map_sigma_m = 1.7;
   session.terrain = true;
   session.places = false;
+  session.matchability = true;
   session.localizer.resumed = true;
   session.settings = {{"matcher", "channels"}, {"camera source", "folder"}};
   return session;

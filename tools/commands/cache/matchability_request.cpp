@@ -21,33 +21,18 @@ using nlohmann::json;
 constexpr double kPlainTemplate_px = 130;  // side of a square with the pixels of a frame of 170 x 100
 constexpr std::array<MatchClass, 3> kClasses{MatchClass::good, MatchClass::weak, MatchClass::poor};
 
-MatchabilityLimits flight_limits() {
-  return {.good_ratio = kGoodRatio,
-          .weak_ratio = kHopelessRatio,
-          .min_score = kLeastScore,
-          .min_valid = kMinValidShare};  // as a placement needs in flight
-}
-
 // The square of the frame's area, and the scale at which a flight with this camera searches.
 MatchabilityOptions options_for(const Mission& mission, const MatchabilityRequest& request, double map_gsd_m) {
-  MatchabilityOptions options;
-  options.limits = flight_limits();
-  options.radius_m = request.search_m;
+  double footprint_m = request.footprint_m.value_or(mission.route.agl_m);
+  double gsd_m = std::max(map_gsd_m, footprint_m / kPlainTemplate_px);
   if (request.camera) {
     const CameraModel camera = read_camera_file(*request.camera).camera;
-    const double agl_m = mission.route.agl_m;
-    options.footprint_m = agl_m * std::sqrt(camera.width / camera.fx * (camera.height / camera.fy));
-    options.gsd_m = matching_scale(camera, agl_m, map_gsd_m).coarse_gsd_m;
-  } else {
-    options.footprint_m = mission.route.agl_m;
+    if (!request.footprint_m) {
+      footprint_m = square_footprint_m(camera, mission.route.agl_m);
+      gsd_m = matching_scale(camera, mission.route.agl_m, map_gsd_m).coarse_gsd_m;
+    }
   }
-  if (request.footprint_m) options.footprint_m = *request.footprint_m;
-  if (!request.camera || request.footprint_m) {
-    options.gsd_m = std::max(map_gsd_m, options.footprint_m / kPlainTemplate_px);
-  }
-  options.distinct_m = std::max(kDistinct_m, kDistinct_px * options.gsd_m);  // as in flight (vision/matching_plan.cpp)
-  options.radius_m = std::max(options.radius_m, kMinWindowDistinct * options.distinct_m);
-  return options;
+  return matchability_options(footprint_m, gsd_m, request.search_m);
 }
 
 std::string percent(double share) { return fmt::format("{:.1f} %", 100 * share); }
