@@ -180,7 +180,7 @@ TEST(Belief, ChancePeaksThatScatterMoveNothing) {
 TEST(Belief, WithoutAPositionOneLookIsNotEnough) {
   LookFlight flight{PlaceBelief(1, kArea), 1000, false};
   const auto everywhere = [&](PlanePoint found) {
-    Look look = look_at({0, 0}, 1000, found, 6.5);
+    Look look = look_at({0, 0}, 1000, found, 6);
     return flight.belief.update(look, track({0, 0}, 1000, false));
   };
   EXPECT_FALSE(everywhere({300, 200}).accepted);
