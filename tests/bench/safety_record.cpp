@@ -72,7 +72,7 @@ std::vector<LeveledError> all_levels(const std::map<std::uint64_t, Record>& reco
 }
 
 std::string level_summary(const std::map<std::uint64_t, Record>& records) {
-  std::vector<Record> sums;  // in the order in which the conditions come
+  std::vector<Record> sums;
   Record all;
   for (const auto& [index, record] : records) {
     auto sum = std::find_if(sums.begin(), sums.end(), [&](const Record& s) { return s.condition == record.condition; });
@@ -82,6 +82,11 @@ std::string level_summary(const std::map<std::uint64_t, Record>& records) {
     }
     add(*sum, record), add(all, record);
   }
+  // As summary() has them; others, of which it knows nothing, as they came.
+  const auto rank = [](const Record& sum) {
+    return std::ranges::find(conditions(), sum.condition, &Condition::name) - conditions().begin();
+  };
+  std::ranges::stable_sort(sums, {}, rank);
   std::string text = level_table_head();
   for (const Record& sum : sums) text += level_row(sum.condition, level_figures(sum.positioned, sum.levels));
   return text + level_row("**all**", level_figures(all.positioned, all.levels));
