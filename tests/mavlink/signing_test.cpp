@@ -182,6 +182,9 @@ TEST_F(SignedLink, EverythingAfterAnAnswerIsAcceptedByItsReceiver) {
       sent.push_back(signing.sign(heartbeat(), us));
     }
     for (const auto& message : test::read_by_pymavlink(sent, options(now_))) EXPECT_FALSE(message.contains("refused"));
+    for (std::size_t i = 1; i < sent.size(); ++i) {
+      EXPECT_GT(timestamp_of(sent[i]), timestamp_of(sent[i - 1])) << "frame " << i;
+    }
     EXPECT_GE(timestamp_of(sent[before]) + kTicks / 10, time.now(60'000)) << "no later save() is waited for";
     EXPECT_GE(std::stoull(read_text_file(folder_ / "time")), timestamp_of(sent.back())) << "reserved";
     EXPECT_LE(time.now(60'000),
