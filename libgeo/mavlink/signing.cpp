@@ -191,14 +191,18 @@ std::uint64_t SigningTime::take(std::int64_t monotonic_us) {
   return last_;
 }
 
-void SigningTime::adopt(std::uint64_t timestamp, std::int64_t monotonic_us) {
+void SigningTime::adopt(std::uint64_t timestamp, std::int64_t monotonic_us, std::uint64_t answered) {
   const std::scoped_lock lock(mutex_);
   peer_seen_ = true;
-  if (timestamp <= now_locked(monotonic_us)) return;
-  const std::uint64_t lead = std::min(timestamp - agreed(monotonic_us), kMaxAge);
-  if (lead > lead_ + kReservation)
-    allowed_ = last_;  // the next frame that we sign is there, and not within ten seconds
-  lead_ = lead;
+  bool leaps =
+      last_ < answered;  // also where our clock has passed the answer: what take() returns is reserved behind it
+  const std::uint64_t latest = std::max(timestamp, answered);
+  if (latest > now_locked(monotonic_us)) {
+    const std::uint64_t lead = std::min(latest - agreed(monotonic_us), kMaxAge);
+    leaps = leaps || lead > lead_ + kReservation;
+    lead_ = lead;
+  }
+  if (leaps) allowed_ = last_;  // the next frame that we sign is there, and not only after the next save()
 }
 
 bool SigningTime::follow(std::uint64_t timestamp, std::int64_t monotonic_us) {
@@ -329,7 +333,9 @@ Signing::Signing(const SigningKey& key, SigningTime& time, std::uint8_t link_id,
       streams_(streams != nullptr ? streams : own_streams_.get()) {}
 
 Bytes Signing::sign(Bytes frame, std::int64_t monotonic_us) {
-  return sign_at(std::move(frame), time_.take(monotonic_us));
+  std::uint64_t timestamp = time_.take(monotonic_us);
+  if (timestamp <= answered_) timestamp = answered_ = std::min(answered_ + 1, kMaxTimestamp);
+  return sign_at(std::move(frame), timestamp);
 }
 
 Bytes Signing::sign_answer(Bytes frame, const MavlinkFrame& replayed, std::int64_t monotonic_us) {
@@ -337,7 +343,8 @@ Bytes Signing::sign_answer(Bytes frame, const MavlinkFrame& replayed, std::int64
   const std::uint8_t stream = replayed.bytes[replayed.bytes.size() - kSignatureSize];
   const std::uint64_t reached = streams_->last(replayed.source, stream).value_or(0);
   const std::uint64_t later = reached + 1 + ticks_between(*answered_us_, monotonic_us);
-  return sign_at(std::move(frame), std::max(time_.take(monotonic_us), std::min(later, kMaxTimestamp)));
+  answered_ = std::min(std::max({time_.take(monotonic_us), later, answered_ + 1}), kMaxTimestamp);
+  return sign_at(std::move(frame), answered_);
 }
 
 Bytes Signing::sign_at(Bytes frame, std::uint64_t timestamp) const {
@@ -368,7 +375,7 @@ SignatureVerdict Signing::verdict(const MavlinkFrame& frame, std::int64_t monoto
     return too_old ? SignatureVerdict::too_old : SignatureVerdict::too_new;
   }
   if (!streams_->set(frame.source, block[0], timestamp)) return SignatureVerdict::too_many_streams;
-  time_.adopt(timestamp, monotonic_us);
+  time_.adopt(timestamp, monotonic_us, answered_us_ ? answered_ : 0);
   accepted_us_ = monotonic_us;
   answered_us_.reset();
   other_times_.clear();

@@ -80,8 +80,9 @@ class SigningTime {
   // The latest time that a single frame may show.
   std::uint64_t latest(std::int64_t monotonic_us) const;
 
-  // A frame of this time was accepted.
-  void adopt(std::uint64_t timestamp, std::int64_t monotonic_us);
+  // A frame of this time was accepted. answered: the latest timestamp of our answers to its sender (Signing), or 0; as
+  // far as the minute permits, what take() returns from now on is later.
+  void adopt(std::uint64_t timestamp, std::int64_t monotonic_us, std::uint64_t answered = 0);
 
   // The time is this one. False: out of bounds, and nothing has changed.
   bool follow(std::uint64_t timestamp, std::int64_t monotonic_us);
@@ -182,7 +183,7 @@ class Signing {
   // memory.
   Signing(const SigningKey& key, SigningTime& time, std::uint8_t link_id, StreamTimestamps* streams = nullptr);
 
-  // Signs an encoded version 2 frame.
+  // Signs an encoded version 2 frame, later than every answer: whoever received one rejects what is not.
   Bytes sign(Bytes frame, std::int64_t monotonic_us);
 
   // Signs the answer to a frame that was rejected as replayed, later than what its stream has reached: whoever sent it
@@ -212,6 +213,7 @@ class Signing {
   std::map<Stream, OtherTime> other_times_;
   std::optional<std::int64_t> accepted_us_;  // when the last frame was
   std::optional<std::int64_t> answered_us_;  // when the first frame after that was answered
+  std::uint64_t answered_ = 0;               // the latest timestamp of an answer, or of a frame that had to follow it
   SignatureCounts counts_;
 };
 

@@ -237,6 +237,7 @@ TEST_P(RestartedLink, ReceivesAPeerWhoseTimestampsStandStill) {
         return peer->has_ended();
       },
       [](const ReceivedMessage&) {});
+  EXPECT_EQ(peer->report()["refused"], 0);
 }
 
 // The answer to a recording is a heartbeat: nothing follows it, and whoever played it is not the peer.

@@ -141,6 +141,58 @@ TEST_F(SignedLink, AReplayAfterARestartIsRejected) {
   EXPECT_EQ(judged_by(streams, theirs(now_, 0, 9)), SignatureVerdict::accepted) << "another system has its own";
 }
 
+// A service that was killed answers its autopilot with a timestamp ahead of its own. Whoever received that rejects what
+// is earlier, so everything that follows is later, however long the restart took and before the next save() of the
+// time.
+TEST_F(SignedLink, EverythingAfterAnAnswerIsAcceptedByItsReceiver) {
+  const auto timestamp_of = [](const Bytes& frame) {
+    std::uint64_t timestamp = 0;
+    for (std::size_t i = 6; i > 0; --i) timestamp = (timestamp << 8) | frame[frame.size() - kSignatureSize + i];
+    return timestamp;
+  };
+  for (const std::int64_t away_us : {0, 700'000, 1'300'000, 1'450'000, 1'500'000, 2'000'000, 9'000'000}) {
+    SCOPED_TRACE(away_us);
+    folder_.write("time", std::to_string(now_) + "\n");
+    {
+      StreamTimestamps streams(folder_ / "streams");
+      ASSERT_TRUE(streams.set({1, 1}, 0, now_));
+      streams.save();
+    }
+    StreamTimestamps streams(folder_ / "streams");
+    SigningTime time(folder_ / "time", kSigned_us + away_us, 0);
+    Signing signing(key(), time, 3, &streams);
+    const auto read = [](const Bytes& bytes) {
+      FrameReader reader;
+      reader.add(bytes);
+      return *reader.next();
+    };
+    const auto heartbeat = [] { return encode(OwnHeartbeat{}, kSigner, 0); };
+    std::vector<Bytes> sent;
+    const MavlinkFrame seen = read(theirs(now_ + 1));
+    for (const std::int64_t us : {0, 50'000}) {
+      ASSERT_EQ(signing.check(seen, us), SignatureVerdict::replayed);
+      sent.push_back(signing.sign_answer(heartbeat(), seen, us));
+      sent.push_back(signing.sign(heartbeat(), us));
+    }
+    // The autopilot takes over the time of the first answer: the second is still on its way.
+    ASSERT_EQ(signing.check(read(theirs(timestamp_of(sent[0]) + 1)), 60'000), SignatureVerdict::accepted);
+    const std::size_t before = sent.size();
+    for (std::int64_t us = 60'000; us < 3'000'000; us += 100'000) {
+      if (us == 960'000 || us == 1'960'000) time.save(us);
+      sent.push_back(signing.sign(heartbeat(), us));
+    }
+    for (const auto& message : test::read_by_pymavlink(sent, options(now_))) EXPECT_FALSE(message.contains("refused"));
+    for (std::size_t i = 1; i < sent.size(); ++i) {
+      EXPECT_GT(timestamp_of(sent[i]), timestamp_of(sent[i - 1])) << "frame " << i;
+    }
+    EXPECT_GE(timestamp_of(sent[before]) + kTicks / 10, time.now(60'000)) << "no later save() is waited for";
+    EXPECT_GE(std::stoull(read_text_file(folder_ / "time")), timestamp_of(sent.back())) << "reserved";
+    EXPECT_LE(time.now(60'000),
+              now_ + static_cast<std::uint64_t>(std::max<std::int64_t>(away_us, 1'500'000)) / 10 + kTicks)
+        << "and no further ahead than the answer";
+  }
+}
+
 // After a clean end nothing is saved ahead: the next start accepts the frame that follows.
 TEST_F(SignedLink, AfterACleanEndTheNextFrameIsAccepted) {
   const std::filesystem::path file = folder_ / "streams";
