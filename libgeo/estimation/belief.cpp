@@ -68,6 +68,8 @@ double larger_eigenvalue(const Eigen::Matrix2d& covariance_m2) {
 
 PlaceBelief::PlaceBelief(double track_doubt, const PlaneBox& area)
     : area_(area),
+      detection_hits_(kDetectionHits),
+      detection_looks_(kDetectionLooks),
       track_{(1 - track_doubt) * kInitialVisibility, (1 - track_doubt) * (1 - kInitialVisibility)},
       elsewhere_{track_doubt * kInitialVisibility, track_doubt * (1 - kInitialVisibility)} {}
 
@@ -86,11 +88,16 @@ void PlaceBelief::on_hint() {
 }
 
 void PlaceBelief::on_odometry(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_m2) {
-  on_anchor(by_m, covariance_m2, covariance_m2);
+  move_track(by_m, covariance_m2, covariance_m2);
 }
 
 void PlaceBelief::on_anchor(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,
                             const Eigen::Matrix2d& covariance_after_m2) {
+  move_track(by_m, covariance_before_m2, covariance_after_m2);
+}
+
+void PlaceBelief::move_track(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,
+                             const Eigen::Matrix2d& covariance_after_m2) {
   for (Place& place : places_) {
     place.offset_m -= by_m;
     place.covariance_m2 = grown_m2(place, covariance_before_m2);
@@ -186,16 +193,24 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
   looks_at_ground_ = 1 + (1 - look.new_ground) * looks_at_ground_;
   bring_places_to(track.covariance_m2);
 
-  // What the look says of each hypothesis, and how much of it is at the candidate from now on.
+  const Weighing weighing = weigh(look, track);
+  learn_detection(weighing, look.new_ground);
+  LookResult result;
+  result.chi2 = weighing.track.chi2;
+  if (look.candidate) {
+    const bool contradicts = track.stands && !hinted_ && result.chi2 > kChi2_999;
+    decide(weighing, contradicts, result);
+    move_hits_to(*look.candidate, weighing, contradicts, track, look.new_ground, result.accepted);
+  }
+  normalize();
+  return result;
+}
+
+// What the look says of each hypothesis.
+PlaceBelief::Weighing PlaceBelief::weigh(const Look& look, const TrackPrediction& track) {
   const double window_m2 = look.window.area_m2(), share = std::min(1.0, window_m2 / area_.area_m2());
   const double ratio = look.candidate ? std::exp(look.candidate->log_likelihood_ratio) : 0;
-  struct Seen {
-    double believed = 0;  // weight
-    double missed = 0;    // the map shows it in the window, and the candidate is not it
-    double beside = 0;    // of the rest, what lies so near the candidate that a move to it does no harm
-    double chi2 = 0;
-  };
-  const auto weigh = [&](Weight& weight, const Gaussian& place) {
+  const auto one = [&](Weight& weight, const Gaussian& place) {
     Seen seen;
     double expected = 0;
     double in_area = inside(area_, place);
@@ -206,109 +221,104 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
       expected = ratio * window_m2 * density(off, spread) / in_area;
       seen.chi2 = chi2_of(off, spread);
     }
-    const double share_of_window = std::min(1.0, inside(look.window, place) / in_area);
-    const Detection found = detection(look, around(place));
-    const Evidence evidence = evidence_of(look, found, expected, share_of_window);
-    seen.believed = judge(weight, evidence, look.new_ground);
-    seen.missed = missed_share(found.of_place, share_of_window) * (weight.visible - seen.believed);
+    const double in_window = std::min(1.0, inside(look.window, place) / in_area);
+    const Detection detected = detection(look, around(place));
+    seen.hit = judge(weight, evidence_of(look, detected, expected, in_window), look.new_ground);
+    seen.missed = missed_share(detected.of_place, in_window) * (weight.visible - seen.hit);
     if (look.candidate) {
-      seen.beside =
-          (weight.total() - seen.believed) * inside(square_around(look.candidate->position, kHarmless_m), place);
+      seen.beside = (weight.total() - seen.hit) * inside(square_around(look.candidate->position, kHarmless_m), place);
     }
     return seen;
   };
-  const Seen by_track = weigh(track_, {track.position, track.covariance_m2});
-  std::vector<Seen> by_place;
+  Weighing weighing;
+  weighing.track = one(track_, {track.position, track.covariance_m2});
   for (Place& place : places_) {
-    by_place.push_back(
-        weigh(place.weight, {PlanePoint(track.position.vector() + place.offset_m), place.covariance_m2}));
+    weighing.places.push_back(
+        one(place.weight, {PlanePoint(track.position.vector() + place.offset_m), place.covariance_m2}));
   }
-  const Detection anywhere = detection(look, look.window);
-  const double from_elsewhere = judge(elsewhere_, evidence_of(look, anywhere, ratio * share, share), look.new_ground);
+  const Detection detected = detection(look, look.window);
+  weighing.elsewhere.hit = judge(elsewhere_, evidence_of(look, detected, ratio * share, share), look.new_ground);
+  weighing.elsewhere.missed = missed_share(detected.of_place, share) * (elsewhere_.visible - weighing.elsewhere.hit);
+  weighing.total = track_.total() + elsewhere_.total();
+  for (const Place& place : places_) weighing.total += place.weight.total();
+  return weighing;
+}
 
-  // How often does this camera find the place on this map?
-  double found = by_track.believed + from_elsewhere;
-  double missed = by_track.missed + missed_share(anywhere.of_place, share) * (elsewhere_.visible - from_elsewhere);
-  double all = track_.total() + elsewhere_.total();
+// How often does this camera find the place on this map?
+void PlaceBelief::learn_detection(const Weighing& weighing, double new_ground) {
+  double found = weighing.track.hit + weighing.elsewhere.hit;
+  double missed = weighing.track.missed + weighing.elsewhere.missed;
+  for (const Seen& seen : weighing.places) {
+    found += seen.hit;
+    missed += seen.missed;
+  }
+  detection_hits_ += new_ground * found / weighing.total;
+  detection_looks_ += new_ground * (found + missed) / weighing.total;
+}
+
+void PlaceBelief::decide(const Weighing& weighing, bool contradicts, LookResult& result) const {
+  double hits = weighing.track.hit + (contradicts ? kDisplacedMapShare : 1) * weighing.elsewhere.hit;
+  double beside = weighing.track.beside;
   for (std::size_t i = 0; i < places_.size(); ++i) {
-    found += by_place[i].believed;
-    missed += by_place[i].missed;
-    all += places_[i].weight.total();
+    const double counted = places_[i].contradicts ? kDisplacedMapShare : 1;
+    hits += counted * weighing.places[i].hit;
+    beside += counted * weighing.places[i].beside;
   }
-  detection_hits_ += look.new_ground * found / all;
-  detection_looks_ += look.new_ground * (found + missed) / all;
+  result.place_doubt = std::max(0.0, 1 - (hits + beside) / weighing.total);
+  result.association_doubt = hits > 0 ? beside / (hits + beside) : 1;
+  result.accepted = result.place_doubt <= kMaxPlaceDoubt && result.association_doubt <= kMaxAssociationDoubt;
+}
 
-  LookResult result;
-  result.chi2 = by_track.chi2;
-  if (look.candidate) {
-    const bool contradicts = track.stands && !hinted_ && result.chi2 > kChi2_999;
-    double total = track_.total() + elsewhere_.total();
-    double hits = by_track.believed + (contradicts ? kDisplacedMapShare : 1) * from_elsewhere;
-    double beside = by_track.beside;
-    for (std::size_t i = 0; i < places_.size(); ++i) {
-      const double counted = places_[i].contradicts ? kDisplacedMapShare : 1;
-      total += places_[i].weight.total();
-      hits += counted * by_place[i].believed;
-      beside += counted * by_place[i].beside;
-    }
-    result.place_doubt = std::max(0.0, 1 - (hits + beside) / total);
-    result.association_doubt = hits > 0 ? beside / (hits + beside) : 1;
-    result.accepted = result.place_doubt <= kMaxPlaceDoubt && result.association_doubt <= kMaxAssociationDoubt;
-
-    // The place that the candidate belongs to, or a new one.
-    Place at{{},
-             look.candidate->position - track.position,
-             look.candidate->covariance_m2,
-             track.covariance_m2.trace() / 2,
-             contradicts,
-             0};
-    std::size_t target = places_.size();
-    double most = std::max(by_track.believed, from_elsewhere);
-    if (by_track.believed > from_elsewhere) {
-      const Eigen::Matrix2d gain = track.covariance_m2 * (track.covariance_m2 + at.covariance_m2).inverse();
-      at.offset_m = gain * at.offset_m;
-      at.covariance_m2 = track.covariance_m2 - gain * track.covariance_m2;
-    }
-    for (std::size_t i = 0; i < places_.size(); ++i) {
-      if (by_place[i].chi2 > kChi2_999 || by_place[i].believed <= most) continue;
-      most = by_place[i].believed;
-      target = i;
-    }
-    if (target < places_.size()) {
-      Place& place = places_[target];
-      const Eigen::Vector2d off = look.candidate->position - track.position - place.offset_m;
-      const Eigen::Matrix2d gain =
-          place.covariance_m2 * (place.covariance_m2 + look.candidate->covariance_m2).inverse();
-      at = place;
-      at.offset_m += gain * off;
-      at.covariance_m2 -= gain * place.covariance_m2;
-      at.footprints += look.new_ground;
-      if (anchored_ && at.footprints >= kOverrulingFootprints) at.contradicts = false;
-    }
-
-    at.weight = {by_track.believed + from_elsewhere, 0, 0};
-    track_.visible -= by_track.believed;
-    elsewhere_.visible -= from_elsewhere;
-    for (std::size_t i = 0; i < places_.size(); ++i) {
-      at.weight.visible += by_place[i].believed;
-      places_[i].weight.visible -= by_place[i].believed;
-    }
-    if (result.accepted) {
-      // What is left of the track: the candidate was a chance peak, and the track is where it was.
-      add({track_, Eigen::Vector2d::Zero(), track.covariance_m2, 0, false, 0});
-      track_ = at.weight;
-      anchored_ = true;
-      hinted_ = false;
-    } else if (target < places_.size()) {
-      at.weight.visible += places_[target].weight.visible;
-      at.weight.hidden += places_[target].weight.hidden;
-      places_[target] = at;
-    } else {
-      add(at);
-    }
+// What hit becomes the place that the candidate belongs to, a new one, or the track.
+void PlaceBelief::move_hits_to(const LookCandidate& candidate, const Weighing& weighing, bool contradicts,
+                               const TrackPrediction& track, double new_ground, bool accepted) {
+  const Eigen::Vector2d from_track_m = candidate.position - track.position;
+  std::size_t target = places_.size();
+  double most = std::max(weighing.track.hit, weighing.elsewhere.hit);
+  for (std::size_t i = 0; i < places_.size(); ++i) {
+    if (weighing.places[i].chi2 > kChi2_999 || weighing.places[i].hit <= most) continue;
+    most = weighing.places[i].hit;
+    target = i;
   }
-  normalize();
-  return result;
+  Place at{{}, from_track_m, candidate.covariance_m2, track.covariance_m2.trace() / 2, contradicts, 0};
+  if (target < places_.size()) {
+    at = places_[target];
+    measure(at, from_track_m, candidate.covariance_m2);
+    at.footprints += new_ground;
+    if (anchored_ && at.footprints >= kOverrulingFootprints) at.contradicts = false;
+  } else if (weighing.track.hit > weighing.elsewhere.hit) {
+    at.offset_m.setZero();
+    at.covariance_m2 = track.covariance_m2;
+    measure(at, from_track_m, candidate.covariance_m2);
+  }
+
+  at.weight = {weighing.track.hit + weighing.elsewhere.hit, 0, 0};
+  track_.visible -= weighing.track.hit;
+  elsewhere_.visible -= weighing.elsewhere.hit;
+  for (std::size_t i = 0; i < places_.size(); ++i) {
+    at.weight.visible += weighing.places[i].hit;
+    places_[i].weight.visible -= weighing.places[i].hit;
+  }
+  if (accepted) {
+    // What is left of the track: the candidate was a chance peak, and the track is where it was.
+    add({track_, Eigen::Vector2d::Zero(), track.covariance_m2, 0, false, 0});
+    track_ = at.weight;
+    anchored_ = true;
+    hinted_ = false;
+  } else if (target < places_.size()) {
+    at.weight.visible += places_[target].weight.visible;
+    at.weight.hidden += places_[target].weight.hidden;
+    places_[target] = at;
+  } else {
+    add(at);
+  }
+}
+
+// The candidate is a measurement of where the place is.
+void PlaceBelief::measure(Place& place, const Eigen::Vector2d& offset_m, const Eigen::Matrix2d& covariance_m2) {
+  const Eigen::Matrix2d gain = place.covariance_m2 * (place.covariance_m2 + covariance_m2).inverse();
+  place.offset_m += gain * (offset_m - place.offset_m);
+  place.covariance_m2 -= gain * place.covariance_m2;
 }
 
 // As one with a place that it hardly differs from.

@@ -58,7 +58,6 @@
 
 #include "geodesy/plane_point.hpp"
 #include "geodesy/region.hpp"
-#include "vision/localizer_parameters.hpp"
 
 namespace nadir {
 
@@ -159,18 +158,41 @@ class PlaceBelief {
   };
   Detection detection(const Look& look, const PlaneBox& place) const;
   static Evidence evidence_of(const Look& look, const Detection& detection, double expected, double share);
-  void bring_places_to(const Eigen::Matrix2d& track_covariance_m2);
-  double judge(Weight& weight, const Evidence& look, double new_ground) const;
+  // Weights of a hypothesis after a look.
+  struct Seen {
+    double hit = 0;     // at the candidate from now on
+    double missed = 0;  // the map shows it in the window, and the candidate is not it
+    double beside = 0;  // not hit, and so near the candidate that a move to it does no harm
+    double chi2 = 0;    // of the candidate
+  };
+  struct Weighing {
+    Seen track, elsewhere;
+    std::vector<Seen> places;
+    double total = 0;  // of all weights
+  };
+
+  // The steps of update(), in order.
   void change_visibility(double new_ground);
-  void add(const Place& added);
+  void bring_places_to(const Eigen::Matrix2d& track_covariance_m2);
+  Weighing weigh(const Look& look, const TrackPrediction& track);
+  void learn_detection(const Weighing& weighing, double new_ground);
+  void decide(const Weighing& weighing, bool contradicts, LookResult& result) const;
+  void move_hits_to(const LookCandidate& candidate, const Weighing& weighing, bool contradicts,
+                    const TrackPrediction& track, double new_ground, bool accepted);
   void normalize();
+
+  double judge(Weight& weight, const Evidence& look, double new_ground) const;
+  void move_track(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,
+                  const Eigen::Matrix2d& covariance_after_m2);
+  static void measure(Place& place, const Eigen::Vector2d& offset_m, const Eigen::Matrix2d& covariance_m2);
+  void add(const Place& added);
 
   PlaneBox area_;
   bool anchored_ = false;       // the track has moved to a candidate
   double looks_at_ground_ = 0;  // at what the last frame showed
   bool hinted_ = false;         // since the last anchor
   // P_D = hits / looks at ground that the map shows, with those of the prior.
-  double detection_hits_ = parameters::belief::kDetectionHits, detection_looks_ = parameters::belief::kDetectionLooks;
+  double detection_hits_, detection_looks_;
   Weight track_, elsewhere_;
   std::vector<Place> places_;
 };

@@ -18,128 +18,77 @@
 namespace nadir {
 namespace {
 
-constexpr std::uint32_t kTagPixelScale = 33550, kTagTiepoint = 33922, kTagTransformation = 34264, kTagGeoKeys = 34735,
-                        kTagNodata = 42113;
+constexpr std::uint32_t kTagNodata = 42113;
 constexpr std::uint32_t kMaxTileSide = 2048;
 constexpr tmsize_t kMaxAllocation = tmsize_t{64} << 20;  // no block of a valid file needs more
 
-// libtiff over bytes in memory. libtiff checks the tags of TIFF itself; the types of the GeoTIFF tags and of GDAL's
-// nodata are checked here, because libtiff does not know them (or only when GDAL lives in the same process).
 class TerrainTiff {
  public:
-  TerrainTiff(ByteView file, std::string_view name) : name_(name), memory_{file} {
-    tiff_ = open_tiff(memory_, "terrain", kMaxAllocation);
-    if (!tiff_) refuse("a complete TIFF file", memory_.complaint);
-  }
+  TerrainTiff(ByteView file, std::string_view name)
+      : file_(file, name, {"terrain file", "create it from the elevation model with `nadir cache build --dem`"},
+              kMaxAllocation) {}
 
   TerrainRaster read() {
-    check_layout();
+    file_.check_layout(true, 1, PLANARCONFIG_CONTIG);
+    read_size();
     read_grid();
     const float nodata = read_nodata();
     return {grid_, read_heights(nodata)};
   }
 
  private:
-  [[noreturn]] void refuse(std::string expected, std::string found) const {
-    throw Error({.what = "this terrain file cannot be used",
-                 .where = name_,
-                 .expected = std::move(expected),
-                 .found = found.empty() ? "something else" : std::move(found),
-                 .fix = "create it from the elevation model with `nadir cache build --dem`"});
-  }
-
-  template <typename Value>
-  Value tag(std::uint32_t tag) const {
-    Value value = 0;
-    return TIFFGetFieldDefaulted(tiff_.get(), tag, &value) == 1 ? value : Value{0};
-  }
-
-  void expect(const char* what, std::uint32_t found, std::initializer_list<std::uint32_t> allowed) const {
-    if (std::find(allowed.begin(), allowed.end(), found) != allowed.end()) return;
-    refuse(fmt::format("{} {}", what, *allowed.begin()), fmt::format("{} {}", what, found));
-  }
-
-  void check_layout() {
-    if (TIFFLastDirectory(tiff_.get()) == 0) refuse("one image", "several");
-    if (TIFFIsTiled(tiff_.get()) == 0) refuse("a tiled file", "one in strips");
-    expect("samples per pixel", tag<std::uint16_t>(TIFFTAG_SAMPLESPERPIXEL), {1});
-    expect("bits per sample", tag<std::uint16_t>(TIFFTAG_BITSPERSAMPLE), {32});
-    expect("sample format", tag<std::uint16_t>(TIFFTAG_SAMPLEFORMAT), {SAMPLEFORMAT_IEEEFP});
-    expect("planar configuration", tag<std::uint16_t>(TIFFTAG_PLANARCONFIG), {PLANARCONFIG_CONTIG});
-    expect("compression", tag<std::uint16_t>(TIFFTAG_COMPRESSION),
-           {COMPRESSION_ADOBE_DEFLATE, COMPRESSION_NONE, COMPRESSION_DEFLATE});
-    const auto columns = tag<std::uint32_t>(TIFFTAG_IMAGEWIDTH), rows = tag<std::uint32_t>(TIFFTAG_IMAGELENGTH);
+  void read_size() {
+    const std::uint32_t columns = file_.number(TIFFTAG_IMAGEWIDTH), rows = file_.number(TIFFTAG_IMAGELENGTH);
     if (columns < 1 || rows < 1 || columns > kMaxTerrainSide || rows > kMaxTerrainSide ||
         std::size_t{columns} * rows > kMaxTerrainPosts) {
-      refuse(fmt::format("1 to {} posts a side, {} in all", kMaxTerrainSide, kMaxTerrainPosts),
-             fmt::format("{} x {}", columns, rows));
+      file_.refuse(fmt::format("1 to {} posts a side, {} in all", kMaxTerrainSide, kMaxTerrainPosts),
+                   fmt::format("{} x {}", columns, rows));
     }
     grid_.columns = static_cast<int>(columns);
     grid_.rows = static_cast<int>(rows);
-    tile_columns_ = tag<std::uint32_t>(TIFFTAG_TILEWIDTH);
-    tile_rows_ = tag<std::uint32_t>(TIFFTAG_TILELENGTH);
+    tile_columns_ = file_.number(TIFFTAG_TILEWIDTH);
+    tile_rows_ = file_.number(TIFFTAG_TILELENGTH);
     if (tile_columns_ < 16 || tile_rows_ < 16 || tile_columns_ > kMaxTileSide || tile_rows_ > kMaxTileSide) {
-      refuse(fmt::format("tiles of 16 to {} posts a side", kMaxTileSide),
-             fmt::format("{} x {}", tile_columns_, tile_rows_));
+      file_.refuse(fmt::format("tiles of 16 to {} posts a side", kMaxTileSide),
+                   fmt::format("{} x {}", tile_columns_, tile_rows_));
     }
   }
 
   void read_grid() {
-    std::size_t scales = 0, ties = 0, other = 0;
-    const auto* scale = static_cast<const double*>(tiff_values(*tiff_, kTagPixelScale, TIFF_DOUBLE, scales));
-    const auto* tie = static_cast<const double*>(tiff_values(*tiff_, kTagTiepoint, TIFF_DOUBLE, ties));
-    if (tiff_values(*tiff_, kTagTransformation, TIFF_DOUBLE, other) != nullptr || scale == nullptr || scales != 3 ||
-        tie == nullptr || ties != 6 || tie[0] != 0 || tie[1] != 0) {
-      refuse("a grid that lies north up: ModelPixelScale and one ModelTiepoint of pixel 0, 0", "another georeference");
-    }
-    check_geo_keys();
-    grid_.west_deg = tie[3], grid_.north_deg = tie[4];
-    grid_.lon_step_deg = scale[0], grid_.lat_step_deg = scale[1];
-  }
-
-  // GeoTIFF's directory: rows of (key, place of the value, count, value) after a row of header.
-  void check_geo_keys() const {
+    const StrictGeoTiff::NorthUp grid = file_.north_up();
     constexpr std::uint16_t kModelType = 1024, kRasterType = 1025, kGeographicType = 2048;
-    std::size_t count = 0;
-    const auto* keys = static_cast<const std::uint16_t*>(tiff_values(*tiff_, kTagGeoKeys, TIFF_SHORT, count));
-    std::uint16_t model = 0, raster = 0, geographic = 0;
-    for (std::size_t i = 4; keys != nullptr && i + 3 < count; i += 4) {
-      if (keys[i + 1] != 0) continue;  // the value lies elsewhere: texts and numbers that say nothing new
-      if (keys[i] == kModelType) model = keys[i + 3];
-      if (keys[i] == kRasterType) raster = keys[i + 3];
-      if (keys[i] == kGeographicType) geographic = keys[i + 3];
-    }
+    const std::uint16_t model = file_.geo_key(kModelType), raster = file_.geo_key(kRasterType),
+                        geographic = file_.geo_key(kGeographicType);
     if (model != 2 || raster != 1 || geographic != 4326) {
-      refuse("EPSG:4326, pixels as areas",
-             fmt::format("model type {}, raster type {}, geographic type {}", model, raster, geographic));
+      file_.refuse("EPSG:4326, pixels as areas",
+                   fmt::format("model type {}, raster type {}, geographic type {}", model, raster, geographic));
     }
+    grid_.west_deg = grid.west, grid_.north_deg = grid.north;
+    grid_.lon_step_deg = grid.column_step, grid_.lat_step_deg = grid.row_step;
   }
 
   float read_nodata() const {
-    std::size_t count = 0;
-    const auto* text = static_cast<const char*>(tiff_values(*tiff_, kTagNodata, TIFF_ASCII, count));
-    if (text == nullptr || count == 0) refuse("a stated nodata value", "none");
-    const char* end = std::find(text, text + count, '\0');
+    const std::string_view text = file_.text(kTagNodata);
+    if (text.empty()) file_.refuse("a stated nodata value", "none");
     float value = 0;
-    const auto [stop, problem] = std::from_chars(text, end, value);
-    if (problem != std::errc() || stop != end || !std::isfinite(value)) {
-      refuse("a finite number as nodata",
-             printable(std::string_view(text, std::min<std::size_t>(static_cast<std::size_t>(end - text), 32))));
+    const auto [stop, problem] = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (problem != std::errc() || stop != text.data() + text.size() || !std::isfinite(value)) {
+      file_.refuse("a finite number as nodata", printable(text.substr(0, 32)));
     }
     return value;
   }
 
   std::vector<float> read_heights(float nodata) {
     const tmsize_t tile_size = static_cast<tmsize_t>(std::size_t{tile_columns_} * tile_rows_ * sizeof(float));
-    if (TIFFTileSize(tiff_.get()) != tile_size) refuse("tiles of float32", "tiles of another size");
+    if (TIFFTileSize(file_.tiff()) != tile_size) file_.refuse("tiles of float32", "tiles of another size");
     std::vector<float> heights(grid_.posts());
     std::vector<float> tile(std::size_t{tile_columns_} * tile_rows_);
     const auto columns = static_cast<std::uint32_t>(grid_.columns), rows = static_cast<std::uint32_t>(grid_.rows);
     for (std::uint32_t top = 0; top < rows; top += tile_rows_) {
       for (std::uint32_t left = 0; left < columns; left += tile_columns_) {
-        const std::uint32_t index = TIFFComputeTile(tiff_.get(), left, top, 0, 0);
-        if (TIFFReadEncodedTile(tiff_.get(), index, tile.data(), tile_size) != tile_size) {
-          refuse(fmt::format("a complete tile at column {}, row {}", left, top), memory_.complaint);
+        const std::uint32_t index = TIFFComputeTile(file_.tiff(), left, top, 0, 0);
+        if (TIFFReadEncodedTile(file_.tiff(), index, tile.data(), tile_size) != tile_size) {
+          file_.refuse(fmt::format("a complete tile at column {}, row {}", left, top), file_.complaint());
         }
         const std::uint32_t width = std::min(tile_columns_, columns - left);
         for (std::uint32_t row = top; row < std::min(rows, top + tile_rows_); ++row) {
@@ -154,15 +103,13 @@ class TerrainTiff {
   void take_row(std::span<const float> from, float nodata, float* into, std::uint32_t row, std::uint32_t left) const {
     for (std::size_t i = 0; i < from.size(); ++i) {
       if (!std::isfinite(from[i])) {
-        refuse("finite heights", fmt::format("{} at column {}, row {}", from[i], left + i, row));
+        file_.refuse("finite heights", fmt::format("{} at column {}, row {}", from[i], left + i, row));
       }
       into[i] = from[i] == nodata ? std::numeric_limits<float>::quiet_NaN() : from[i];
     }
   }
 
-  std::string name_;
-  TiffMemory memory_;
-  TiffHandle tiff_;
+  StrictGeoTiff file_;
   TerrainGrid grid_;
   std::uint32_t tile_columns_ = 0, tile_rows_ = 0;
 };
