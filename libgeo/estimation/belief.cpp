@@ -73,6 +73,13 @@ PlaceBelief::PlaceBelief(double track_doubt, const PlaneBox& area)
       track_{(1 - track_doubt) * kInitialVisibility, (1 - track_doubt) * (1 - kInitialVisibility)},
       elsewhere_{track_doubt * kInitialVisibility, track_doubt * (1 - kInitialVisibility)} {}
 
+void PlaceBelief::move_weight(Weight& from, Weight& to, double share) {
+  to.visible += share * from.visible;
+  to.hidden += share * from.hidden;
+  from.visible *= 1 - share;
+  from.hidden *= 1 - share;
+}
+
 void PlaceBelief::propagate(double seconds) {
   const double lost = -std::expm1(-kTrackHazard_per_s * std::abs(seconds));
   const double moved = track_.total() * lost;
@@ -82,9 +89,36 @@ void PlaceBelief::propagate(double seconds) {
   elsewhere_.hidden += moved / 2;
 }
 
-void PlaceBelief::on_hint() {
+void PlaceBelief::on_hint(const PositionHint& hint, const TrackPrediction& track) {
+  bring_places_to(track.covariance_m2);
+  const Eigen::Matrix2d covariance_m2 = hint.sigma_m * hint.sigma_m * Eigen::Matrix2d::Identity();
+  const Eigen::Vector2d offset_m = hint.position - track.position;
+  bool says_where = !hinted_;
+  const auto contradict = [&](Weight& weight, const Eigen::Vector2d& off_m, const Eigen::Matrix2d& of_place_m2) {
+    const double here = area_.area_m2() * density(off_m, of_place_m2 + covariance_m2);
+    const double likelihood = std::min(1.0, kHintDoubt + (1 - kHintDoubt) * here);
+    weight.visible *= likelihood;
+    weight.hidden *= likelihood;
+  };
+  if (!hinted_) contradict(track_, offset_m, track.covariance_m2);
+  for (Place& place : places_) {
+    place.contradicts = false;
+    if (!hinted_) contradict(place.weight, offset_m - place.offset_m, place.covariance_m2);
+    if (place.of_hint) {
+      move_weight(place.weight, elsewhere_, 1);
+      says_where = true;
+    }
+  }
+  std::erase_if(places_, [](const Place& place) { return place.of_hint; });
   hinted_ = true;
-  for (Place& place : places_) place.contradicts = false;
+  // A track that is there already gains nothing.
+  if (says_where && (track_.total() <= 0 || !same_place(offset_m, covariance_m2, track.covariance_m2))) {
+    Place at{{}, offset_m, covariance_m2, track.covariance_m2.trace() / 2};
+    at.of_hint = true;
+    move_weight(elsewhere_, at.weight, 1 - kHintDoubt);
+    add(at);
+  }
+  normalize();
 }
 
 void PlaceBelief::on_odometry(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_m2) {
@@ -115,11 +149,10 @@ void PlaceBelief::bring_places_to(const Eigen::Matrix2d& track_covariance_m2) {
   std::erase_if(places_, [&](Place& place) {
     place.covariance_m2 = grown_m2(place, track_covariance_m2);
     place.track_variance_m2 = track_covariance_m2.trace() / 2;
-    const bool is_track = !place.contradicts && same_place(place.offset_m, place.covariance_m2, track_covariance_m2);
-    if (is_track) {
-      track_.visible += place.weight.visible;
-      track_.hidden += place.weight.hidden;
-    }
+    // A track that is not known at all is no place.
+    const bool is_track = track_.total() > 0 && !place.contradicts &&
+                          same_place(place.offset_m, place.covariance_m2, track_covariance_m2);
+    if (is_track) move_weight(place.weight, track_, 1);
     return is_track;
   });
 }
@@ -283,6 +316,7 @@ void PlaceBelief::move_hits_to(const LookCandidate& candidate, const Weighing& w
   Place at{{}, from_track_m, candidate.covariance_m2, track.covariance_m2.trace() / 2, contradicts, 0};
   if (target < places_.size()) {
     at = places_[target];
+    at.of_hint = false;
     measure(at, from_track_m, candidate.covariance_m2);
     at.footprints += new_ground;
     if (anchored_ && at.footprints >= kOverrulingFootprints) at.contradicts = false;
@@ -334,6 +368,7 @@ void PlaceBelief::add(const Place& added) {
         (1 - share) * place.covariance_m2 + share * added.covariance_m2 + share * (1 - share) * off * off.transpose();
     place.weight.visible += added.weight.visible;
     place.weight.hidden += added.weight.hidden;
+    place.of_hint = place.of_hint && added.of_hint;
     return;
   }
   places_.push_back(added);
@@ -345,8 +380,7 @@ void PlaceBelief::normalize() {
   double total = track_.total() + elsewhere_.total();
   for (const Place& place : places_) total += place.weight.total();
   while (!places_.empty() && (places_.size() > kMaxPlaces || places_.back().weight.total() < kLeastWeight * total)) {
-    elsewhere_.visible += places_.back().weight.visible;
-    elsewhere_.hidden += places_.back().weight.hidden;
+    move_weight(places_.back().weight, elsewhere_, 1);
     places_.pop_back();
   }
   const auto scale = [total](Weight& weight) {
@@ -358,15 +392,42 @@ void PlaceBelief::normalize() {
   for (Place& place : places_) scale(place.weight);
 }
 
+std::vector<PlaceBelief::PlaceState> PlaceBelief::place_states(const Eigen::Matrix2d& track_covariance_m2) const {
+  std::vector<PlaceState> states;
+  for (const Place& p : places_) states.push_back({p.weight.total(), p.offset_m, grown_m2(p, track_covariance_m2)});
+  return states;
+}
+
+PlaceBelief::PlaceState PlaceBelief::published(const Eigen::Matrix2d& track_covariance_m2) const {
+  double all = track_.total();
+  for (const Place& place : places_) all += place.weight.total();
+  for (const Place& place : places_) {
+    if (place.contradicts || place.weight.total() < kDominantShare * all) continue;
+    return {place.weight.total(), place.offset_m, grown_m2(place, track_covariance_m2)};
+  }
+  return {track_.total(), Eigen::Vector2d::Zero(), track_covariance_m2};
+}
+
+// The track and the places, about the published position.
+std::vector<PlaceBelief::PlaceState> PlaceBelief::about_published(const Eigen::Matrix2d& track_covariance_m2) const {
+  std::vector<PlaceState> states = place_states(track_covariance_m2);
+  states.push_back({track_.total(), Eigen::Vector2d::Zero(), track_covariance_m2});
+  const Eigen::Vector2d at_m = published(track_covariance_m2).offset_m;
+  for (PlaceState& state : states) state.offset_m -= at_m;
+  return states;
+}
+
 Eigen::Matrix2d PlaceBelief::spread_m2(const Eigen::Matrix2d& track_covariance_m2) const {
-  double total = track_.total(), left_out = 0;
-  Eigen::Matrix2d spread = track_.total() * track_covariance_m2;
-  for (auto place = places_.rbegin(); place != places_.rend(); ++place) {  // the least first
-    left_out += place->weight.total();
+  std::vector<PlaceState> states = about_published(track_covariance_m2);
+  std::stable_sort(states.begin(), states.end(),
+                   [](const PlaceState& a, const PlaceState& b) { return a.probability < b.probability; });
+  double total = 0, left_out = 0;
+  Eigen::Matrix2d spread = Eigen::Matrix2d::Zero();
+  for (const PlaceState& state : states) {
+    left_out += state.probability;
     if (left_out <= kVagueWeight) continue;
-    total += place->weight.total();
-    spread +=
-        place->weight.total() * (grown_m2(*place, track_covariance_m2) + place->offset_m * place->offset_m.transpose());
+    total += state.probability;
+    spread += state.probability * (state.covariance_m2 + state.offset_m * state.offset_m.transpose());
   }
   return total > 0 ? Eigen::Matrix2d(spread / total) : track_covariance_m2;
 }
@@ -376,10 +437,10 @@ std::optional<double> PlaceBelief::protection_level_m(const Eigen::Matrix2d& tra
   struct Component {
     double weight, distance_m, variance_m2;
   };
-  std::vector<Component> components{{track_.total(), 0, larger_eigenvalue(track_covariance_m2 + common_m2)}};
-  for (const Place& place : places_) {
-    components.push_back({place.weight.total(), place.offset_m.norm(),
-                          larger_eigenvalue(grown_m2(place, track_covariance_m2) + common_m2)});
+  std::vector<Component> components;
+  for (const PlaceState& state : about_published(track_covariance_m2)) {
+    components.push_back(
+        {state.probability, state.offset_m.norm(), larger_eigenvalue(state.covariance_m2 + common_m2)});
   }
   const double left = risk - elsewhere_.total();
   if (left <= 0) return std::nullopt;

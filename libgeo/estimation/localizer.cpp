@@ -173,7 +173,11 @@ struct Localizer::Impl {
   double new_ground() const;
 
   double footprint_m() const { return footprint_side_m(camera, telemetry.reference.agl_m); }
-  bool lost() const { return window.lost(placed, filter->position_sigma_m()); }
+  bool lost() const { return window.lost(placed, published_sigma_m()); }
+  // Of the track, or the place that dominates it.
+  PlaceBelief::PlaceState published_place() const { return belief.published(filter->position_covariance_m2()); }
+  PlanePoint published_position() const { return filter->position() + published_place().offset_m; }
+  double published_sigma_m() const { return std::sqrt(0.5 * published_place().covariance_m2.trace()); }
   Eigen::Matrix2d shared_error_m2(double map_sigma_m) const;
   std::vector<double> map_sigmas_m() const;  // of each frame
 
@@ -463,7 +467,8 @@ AnchorPrior Localizer::Impl::anchor_prior() const {
   AnchorPrior prior;
   const double height_sigma = std::max(kMinHeightSigma, filter->sigma(FlightFilter::log_height));
   prior.search.pose = pose_of(filter->state(), telemetry.reference);
-  prior.search.radius_m = window.radius_m(filter->position_sigma_m());
+  prior.search.pose.position = published_position();
+  prior.search.radius_m = window.radius_m(published_sigma_m());
   prior.heading_sigma_rad = filter->sigma(FlightFilter::heading);
   prior.search.heading_range_rad = std::min(kPi, kHeadingSigmas * prior.heading_sigma_rad);
   prior.search.scale_range = kScaleSigmas * height_sigma;
@@ -474,10 +479,10 @@ AnchorPrior Localizer::Impl::anchor_prior() const {
 }
 
 LostSearch Localizer::Impl::lost_search() {
-  const PlanePoint position = filter->position();
-  const double sigma_m = filter->position_sigma_m();
+  const PlanePoint position = published_position();
+  const double sigma_m = published_sigma_m();
   LostSearch where{window.reachable_area(placed, position, sigma_m), std::nullopt, {}};
-  if (operator_hint) where.hint = operator_hint->box(position, sigma_m, config.area);
+  if (operator_hint) where.hint = operator_hint->box(filter->position(), filter->position_sigma_m(), config.area);
   where.part = window.next_part(where.area, position);
   return where;
 }
@@ -514,12 +519,14 @@ void Localizer::hint(const LonLat& at, double radius_m) {
 // A start that was given before has no more weight than a hint that is given now.
 void Localizer::Impl::apply_hint() {
   if (!operator_hint || operator_hint->propagating()) return;
-  belief.on_hint();
+  const TrackPrediction track{filter->position(), filter->position_covariance_m2()};
+  belief.on_hint({operator_hint->at(), operator_hint->radius_m() / kHintSigmas}, track);
   const double off_m = (operator_hint->at() - filter->position()).norm();
   const bool anchored = tracking.unbroken() && last_anchor;
   if (placed && !anchored && off_m > operator_hint->radius_m() + kOutsideHintSigmas * filter->position_sigma_m()) {
     steps.back().hint_sigma_m = off_m;
     filter->inflate_position(off_m);
+    belief.on_anchor(Eigen::Vector2d::Zero(), track.covariance_m2, filter->position_covariance_m2());
   }
   operator_hint->start_propagation(filter->position(), filter->position_sigma_m());
 }
@@ -661,7 +668,7 @@ Estimate Localizer::Impl::estimate(bool anchored) const {
   if (steps.size() == 1 && !anchored) estimate.source = SourceLabel::dead_reckoned;
   if (estimate.sigma_m > config.no_fix_sigma_m) estimate.source = SourceLabel::no_fix;
   if (estimate.source != SourceLabel::no_fix) {
-    estimate.position = frame.lonlat_from_plane(filter->position() - published.withheld_m);
+    estimate.position = frame.lonlat_from_plane(published_position() - published.withheld_m);
   }
   return estimate;
 }

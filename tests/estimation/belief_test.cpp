@@ -201,8 +201,96 @@ TEST(Belief, LooksNeverOverruleAStartThatTheyContradict) {
 TEST(Belief, AfterAHintTheyDo) {
   LookFlight flight = known_start();
   for (int i = 0; i < 5; ++i) flight.fly(Eigen::Vector2d(0, 80), 8);
-  flight.belief.on_hint();
+  flight.belief.on_hint({flight.at + Eigen::Vector2d(0, 80), 40}, track(flight.at, 8));
   EXPECT_TRUE(flight.fly(Eigen::Vector2d(0, 80), 8).accepted);
+}
+
+// ---- Hints
+
+constexpr double kAnyRisk = 1e-5;
+
+PlaceBelief without_start() { return PlaceBelief(1, kArea); }
+TrackPrediction unknown_track() { return track({0, 0}, 1000, false); }
+
+// Everywhere is searched.
+LookResult find(PlaceBelief& belief, PlanePoint found, double log_ratio) {
+  return belief.update(look_at({0, 0}, 1000, found, log_ratio), unknown_track());
+}
+
+TEST(Belief, OneClearLookConfirmsAHintAndThereIsAProtectionLevel) {
+  PlaceBelief hinted = without_start();
+  hinted.on_hint({{300, 200}, 75}, unknown_track());
+  EXPECT_FALSE(hinted.protection_level_m(circle(5), kAnyRisk, circle(0))) << "a hint is no position";
+  EXPECT_TRUE(find(hinted, {340, 180}, 6).accepted);
+  EXPECT_TRUE(hinted.protection_level_m(circle(5), kAnyRisk, circle(0)));
+  PlaceBelief unhinted = without_start();
+  EXPECT_FALSE(find(unhinted, {340, 180}, 6).accepted);
+}
+
+TEST(Belief, AWrongHintCostsLooks) {
+  PlaceBelief hinted = without_start();
+  hinted.on_hint({{-600, -600}, 75}, unknown_track());
+  int looks = 1;
+  while (!find(hinted, {340, 180}, 6).accepted) ASSERT_LT(++looks, 4);
+  EXPECT_GT(looks, 1);
+}
+
+TEST(Belief, AHintThatIsRepeatedSaysNothingMore) {
+  PlaceBelief once = without_start(), often = without_start();
+  once.on_hint({{300, 200}, 75}, unknown_track());
+  for (int i = 0; i < 20; ++i) often.on_hint({{300, 200}, 75}, unknown_track());
+  EXPECT_NEAR(often.elsewhere_probability(), once.elsewhere_probability(), 1e-12);
+  // Nor about a start that it contradicts, or repeats.
+  for (const double off_m : {0.0, 500.0}) {
+    PlaceBelief first(kStartDoubt, kArea), further(kStartDoubt, kArea);
+    first.on_hint({{off_m, 0}, 75}, track({0, 0}, 50));
+    for (int i = 0; i < 20; ++i) further.on_hint({{off_m, 0}, 75}, track({0, 0}, 50));
+    EXPECT_NEAR(further.track_probability(), first.track_probability(), 1e-12) << off_m;
+    EXPECT_NEAR(further.elsewhere_probability(), first.elsewhere_probability(), 1e-12) << off_m;
+  }
+}
+
+TEST(Belief, ALaterHintMovesThePlaceOfAnEarlierOne) {
+  PlaceBelief belief = without_start();
+  belief.on_hint({{-600, 0}, 75}, unknown_track());
+  belief.on_hint({{300, 200}, 75}, unknown_track());
+  EXPECT_EQ(belief.places(), 1U);
+  EXPECT_TRUE(find(belief, {300, 200}, 6).accepted);
+}
+
+TEST(Belief, AHintThatAgreesMakesNoStartSurer) {
+  PlaceBelief belief(kStartDoubt, kArea);
+  const double before = belief.track_probability();
+  belief.on_hint({{20, 0}, 75}, track({0, 0}, 50));
+  EXPECT_NEAR(belief.track_probability(), before, 1e-12);
+  EXPECT_FALSE(belief.protection_level_m(circle(50), kAnyRisk, circle(0)));
+}
+
+TEST(Belief, AHintHardlyShakesWhatTheMapHasConfirmed) {
+  LookFlight flight = known_start();
+  for (int i = 0; i < 5; ++i) ASSERT_TRUE(flight.fly(Eigen::Vector2d(0, 0), 6).accepted);
+  flight.belief.on_hint({flight.at + Eigen::Vector2d(600, 0), 75}, track(flight.at, 8));
+  EXPECT_GT(flight.belief.track_probability(), 0.99);
+  EXPECT_EQ(flight.belief.published(circle(8)).offset_m.norm(), 0);
+}
+
+// ---- What is published
+
+// A look 200 m from a doubtful track: not sure enough to move it, and yet nearly all of the weight is there.
+TEST(Belief, APlaceThatDominatesIsPublished) {
+  PlaceBelief belief(0.5, kArea);
+  const TrackPrediction start = track({0, 0}, 20, false);
+  EXPECT_EQ(belief.published(circle(20)).offset_m.norm(), 0);
+  EXPECT_FALSE(belief.update(look_at({0, 0}, 250, PlanePoint(200, 0), 6.5), start).accepted);
+  const PlaceBelief::PlaceState published = belief.published(circle(20));
+  ASSERT_NEAR(published.offset_m.x(), 200, 5);
+  EXPECT_LT(published.covariance_m2.trace(), circle(20).trace());
+  // The ellipse and the level are about it.
+  const double track = belief.track_probability();
+  EXPECT_NEAR(belief.spread_m2(circle(20))(0, 0), track * 200 * 200, 0.5 * track * 200 * 200 + 400);
+  const auto level_m = belief.protection_level_m(circle(20), 0.3, circle(0));
+  ASSERT_TRUE(level_m);
+  EXPECT_LT(*level_m, 100);
 }
 
 TEST(Belief, AStartFromBeforeARestartIsOverruled) {
@@ -277,7 +365,10 @@ TEST(Belief, NoSequenceOfLooksBreaksIt) {
       look.continues_track = random.chance(0.7);
       const auto prediction = track(at, random.uniform(0.5, 2000), random.chance(0.5));
       belief.update(look, prediction);
-      if (random.chance(0.05)) belief.on_hint();
+      if (random.chance(0.1)) {
+        belief.on_hint({{at.east_m + random.normal(0, 300), random.normal(0, 300)}, random.uniform(1, 500)},
+                       prediction);
+      }
       ASSERT_GE(belief.track_probability(), 0);
       ASSERT_LE(belief.track_probability() + belief.elsewhere_probability(), 1 + 1e-9);
       ASSERT_LE(belief.places(), kMaxPlaces);
