@@ -392,42 +392,15 @@ void PlaceBelief::normalize() {
   for (Place& place : places_) scale(place.weight);
 }
 
-std::vector<PlaceBelief::PlaceState> PlaceBelief::place_states(const Eigen::Matrix2d& track_covariance_m2) const {
-  std::vector<PlaceState> states;
-  for (const Place& p : places_) states.push_back({p.weight.total(), p.offset_m, grown_m2(p, track_covariance_m2)});
-  return states;
-}
-
-PlaceBelief::PlaceState PlaceBelief::published(const Eigen::Matrix2d& track_covariance_m2) const {
-  double all = track_.total();
-  for (const Place& place : places_) all += place.weight.total();
-  for (const Place& place : places_) {
-    if (place.contradicts || place.weight.total() < kDominantShare * all) continue;
-    return {place.weight.total(), place.offset_m, grown_m2(place, track_covariance_m2)};
-  }
-  return {track_.total(), Eigen::Vector2d::Zero(), track_covariance_m2};
-}
-
-// The track and the places, about the published position.
-std::vector<PlaceBelief::PlaceState> PlaceBelief::about_published(const Eigen::Matrix2d& track_covariance_m2) const {
-  std::vector<PlaceState> states = place_states(track_covariance_m2);
-  states.push_back({track_.total(), Eigen::Vector2d::Zero(), track_covariance_m2});
-  const Eigen::Vector2d at_m = published(track_covariance_m2).offset_m;
-  for (PlaceState& state : states) state.offset_m -= at_m;
-  return states;
-}
-
 Eigen::Matrix2d PlaceBelief::spread_m2(const Eigen::Matrix2d& track_covariance_m2) const {
-  std::vector<PlaceState> states = about_published(track_covariance_m2);
-  std::stable_sort(states.begin(), states.end(),
-                   [](const PlaceState& a, const PlaceState& b) { return a.probability < b.probability; });
-  double total = 0, left_out = 0;
-  Eigen::Matrix2d spread = Eigen::Matrix2d::Zero();
-  for (const PlaceState& state : states) {
-    left_out += state.probability;
+  double total = track_.total(), left_out = 0;
+  Eigen::Matrix2d spread = track_.total() * track_covariance_m2;
+  for (auto place = places_.rbegin(); place != places_.rend(); ++place) {  // the least first
+    left_out += place->weight.total();
     if (left_out <= kVagueWeight) continue;
-    total += state.probability;
-    spread += state.probability * (state.covariance_m2 + state.offset_m * state.offset_m.transpose());
+    total += place->weight.total();
+    spread +=
+        place->weight.total() * (grown_m2(*place, track_covariance_m2) + place->offset_m * place->offset_m.transpose());
   }
   return total > 0 ? Eigen::Matrix2d(spread / total) : track_covariance_m2;
 }
@@ -437,10 +410,10 @@ std::optional<double> PlaceBelief::protection_level_m(const Eigen::Matrix2d& tra
   struct Component {
     double weight, distance_m, variance_m2;
   };
-  std::vector<Component> components;
-  for (const PlaceState& state : about_published(track_covariance_m2)) {
-    components.push_back(
-        {state.probability, state.offset_m.norm(), larger_eigenvalue(state.covariance_m2 + common_m2)});
+  std::vector<Component> components{{track_.total(), 0, larger_eigenvalue(track_covariance_m2 + common_m2)}};
+  for (const Place& place : places_) {
+    components.push_back({place.weight.total(), place.offset_m.norm(),
+                          larger_eigenvalue(grown_m2(place, track_covariance_m2) + common_m2)});
   }
   const double left = risk - elsewhere_.total();
   if (left <= 0) return std::nullopt;

@@ -50,9 +50,6 @@
 // at most 1, because it may repeat what is known. Of elsewhere all but d is a place at h. Until the track moves further
 // hints of several move that place, if no look has hit it, and say nothing more.
 //
-// Publication. The track, unless a place dominates: then that place is published and searched around, and the next
-// candidate there moves the track.
-//
 // Protection level. The least radius around the published position that holds all but the integrity risk of the whole
 // mixture. A Gaussian with the larger eigenvalue σ² of its covariance, at a distance o, is outside r with at most
 // exp(-(r - o)² / 2σ²). None when more than the risk is elsewhere.
@@ -123,14 +120,7 @@ class PlaceBelief {
   // Places that contradict the track count in full from now on, until it moves.
   void on_hint(const PositionHint& hint, const TrackPrediction& track);
 
-  struct PlaceState {
-    double probability = 0;
-    Eigen::Vector2d offset_m;  // from the track
-    Eigen::Matrix2d covariance_m2;
-  };
-  // The track, or the place that dominates it.
-  PlaceState published(const Eigen::Matrix2d& track_covariance_m2) const;
-  // Second moment about the published position: of the track and the places, without elsewhere and without the least
+  // Second moment about the track's position: of the track and the places, without elsewhere and without the least
   // places, up to kVagueWeight together.
   Eigen::Matrix2d spread_m2(const Eigen::Matrix2d& track_covariance_m2) const;
   // Nothing: no radius holds all but the risk. common_m2 is added to every place's covariance (the map's own error).
@@ -141,8 +131,17 @@ class PlaceBelief {
   double elsewhere_probability() const { return elsewhere_.total(); }
   std::size_t places() const { return places_.size(); }
 
-  // For those who judge a belief.
-  std::vector<PlaceState> place_states(const Eigen::Matrix2d& track_covariance_m2) const;
+  // For those who judge a belief: every place as it is now.
+  struct PlaceState {
+    double probability = 0;
+    Eigen::Vector2d offset_m;  // from the track
+    Eigen::Matrix2d covariance_m2;
+  };
+  std::vector<PlaceState> place_states(const Eigen::Matrix2d& track_covariance_m2) const {
+    std::vector<PlaceState> states;
+    for (const Place& p : places_) states.push_back({p.weight.total(), p.offset_m, grown_m2(p, track_covariance_m2)});
+    return states;
+  }
 
  private:
   struct Weight {
@@ -195,7 +194,6 @@ class PlaceBelief {
                     const TrackPrediction& track, double new_ground, bool accepted);
   void normalize();
 
-  std::vector<PlaceState> about_published(const Eigen::Matrix2d& track_covariance_m2) const;
   static void move_weight(Weight& from, Weight& to, double share);
   double judge(Weight& weight, const Evidence& look, double new_ground) const;
   void move_track(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,

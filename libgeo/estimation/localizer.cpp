@@ -173,11 +173,7 @@ struct Localizer::Impl {
   double new_ground() const;
 
   double footprint_m() const { return footprint_side_m(camera, telemetry.reference.agl_m); }
-  bool lost() const { return window.lost(placed, published_sigma_m()); }
-  // Of the track, or the place that dominates it.
-  PlaceBelief::PlaceState published_place() const { return belief.published(filter->position_covariance_m2()); }
-  PlanePoint published_position() const { return filter->position() + published_place().offset_m; }
-  double published_sigma_m() const { return std::sqrt(0.5 * published_place().covariance_m2.trace()); }
+  bool lost() const { return window.lost(placed, filter->position_sigma_m()); }
   Eigen::Matrix2d shared_error_m2(double map_sigma_m) const;
   std::vector<double> map_sigmas_m() const;  // of each frame
 
@@ -467,8 +463,7 @@ AnchorPrior Localizer::Impl::anchor_prior() const {
   AnchorPrior prior;
   const double height_sigma = std::max(kMinHeightSigma, filter->sigma(FlightFilter::log_height));
   prior.search.pose = pose_of(filter->state(), telemetry.reference);
-  prior.search.pose.position = published_position();
-  prior.search.radius_m = window.radius_m(published_sigma_m());
+  prior.search.radius_m = window.radius_m(filter->position_sigma_m());
   prior.heading_sigma_rad = filter->sigma(FlightFilter::heading);
   prior.search.heading_range_rad = std::min(kPi, kHeadingSigmas * prior.heading_sigma_rad);
   prior.search.scale_range = kScaleSigmas * height_sigma;
@@ -479,10 +474,10 @@ AnchorPrior Localizer::Impl::anchor_prior() const {
 }
 
 LostSearch Localizer::Impl::lost_search() {
-  const PlanePoint position = published_position();
-  const double sigma_m = published_sigma_m();
+  const PlanePoint position = filter->position();
+  const double sigma_m = filter->position_sigma_m();
   LostSearch where{window.reachable_area(placed, position, sigma_m), std::nullopt, {}};
-  if (operator_hint) where.hint = operator_hint->box(filter->position(), filter->position_sigma_m(), config.area);
+  if (operator_hint) where.hint = operator_hint->box(position, sigma_m, config.area);
   where.part = window.next_part(where.area, position);
   return where;
 }
@@ -668,7 +663,7 @@ Estimate Localizer::Impl::estimate(bool anchored) const {
   if (steps.size() == 1 && !anchored) estimate.source = SourceLabel::dead_reckoned;
   if (estimate.sigma_m > config.no_fix_sigma_m) estimate.source = SourceLabel::no_fix;
   if (estimate.source != SourceLabel::no_fix) {
-    estimate.position = frame.lonlat_from_plane(published_position() - published.withheld_m);
+    estimate.position = frame.lonlat_from_plane(filter->position() - published.withheld_m);
   }
   return estimate;
 }

@@ -432,13 +432,12 @@ inline constexpr int kDetectionSamples = 5;        // of a hypothesis, a side: t
 inline constexpr double kInitialVisibility = 0.8;  // before any look, that the map shows the place; chosen
 // Over a footprint of new ground the chance that the map shows the place returns to kInitialVisibility by so much of
 // the difference. Chosen.
-inline constexpr double kVisibilityChange = 0.05;
+inline constexpr double kVisibilityChange = 0.02;
 inline constexpr double kForeignFrame = 1e-4;       // the frame is of another moment; chosen …
 inline constexpr double kForeignBrokenFrame = 0.5;  // … where it does not continue the previous one: one of the two is
 inline constexpr double kStartDoubt = 3e-3;         // a position that a person gave is wrong as a whole; chosen
-inline constexpr double kHintDoubt = 1e-2;           // a hint is wrong as a whole: a GPS may be spoofed; chosen
-inline constexpr double kHintSigmas = 2;             // its radius in σ of one axis: 86 % are inside; chosen
-inline constexpr double kDominantShare = 0.9;        // of track and places: a place that is published; chosen
+inline constexpr double kHintDoubt = 1e-2;          // a hint is wrong as a whole: a GPS may be spoofed; chosen
+inline constexpr double kHintSigmas = 2;            // its radius in σ of one axis: 86 % are inside; chosen
 inline constexpr double kTrackHazard_per_s = 1e-8;    // the track becomes wrong as a whole without a sign; chosen
 inline constexpr double kIntegrityRisk = 1e-5;        // per look: beyond the protection level; a mission may set it
 inline constexpr double kMaxPlaceDoubt = 1e-3;        // of the weight may be elsewhere when the track moves; [looks]

@@ -192,9 +192,8 @@ void FaultFlight::advance(State& s, Random& random) const {
 
   // The look.
   const double least_m = kMinRadius_m * (1 + std::min(s.failures / kFailuresPerRing, kMaxRings));
-  const PlaceBelief::PlaceState around = s.belief.published(s.covariance_m2());
-  const double radius_m = std::clamp(kReachSigmas * one_axis_sigma_m(around.covariance_m2), least_m, kMaxRadius_m);
-  nadir::Look look{square(s.error_m() + around.offset_m, radius_m), std::nullopt, s.new_ground, !broken};
+  const double radius_m = std::clamp(kReachSigmas * one_axis_sigma_m(s.covariance_m2()), least_m, kMaxRadius_m);
+  nadir::Look look{square(s.error_m(), radius_m), std::nullopt, s.new_ground, !broken};
   const Eigen::Vector2d shown_m = s.map_shift_m + (foreign ? s.foreign_m : Eigen::Vector2d(0, 0));
   const bool other_map = fault_ == FlightFault::other_map || fault_ == FlightFault::start_and_map;
   const WindowKind window = other_map                      ? WindowKind::other_map
@@ -243,9 +242,8 @@ void FaultFlight::advance(State& s, Random& random) const {
   ++s.usable;
   s.usable_30 += *s.hpl_m <= 30 ? 1 : 0;
   if (fault_ == FlightFault::wrong_anchor && s.time_s < kWrongAnchorCountsFrom_s) return;
-  const double off_m = (s.error_m() + s.belief.published(s.covariance_m2()).offset_m).norm();
-  if (off_m > *s.hpl_m) s.events[misleading] = true;
-  if (off_m > limits_.alert_limit_m) s.events[hazardous] = true;
+  if (s.error_m().norm() > *s.hpl_m) s.events[misleading] = true;
+  if (s.error_m().norm() > limits_.alert_limit_m) s.events[hazardous] = true;
 }
 
 double FaultFlight::score(const State& s) const {

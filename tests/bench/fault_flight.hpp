@@ -6,10 +6,10 @@
 // (new ground), and e drifts: by a share of the way that is the same all flight long (height, lens and heading are not
 // known better) and by a step of a random walk. The filter estimates position and drift, as the localizer's estimates
 // height and heading. A look searches a
-// window around what is published, as the localizer would (search_window.hpp). What it finds is a measured look of the
-// same kind of window and picture over the same ground: nothing; the true place, with its measured error in a random
-// direction; or a chance peak, uniform in the window, or beside the truth at its measured distance. The belief weighs
-// it; when it accepts, the filter is updated with the covariance that the localizer would use.
+// window around the track as the localizer would (search_window.hpp). What it finds is a measured look of the same kind
+// of window and picture over the same ground: nothing; the true place, with its measured error in a random direction;
+// or a chance peak, uniform in the window, or beside the truth at its measured distance. The belief weighs it; when it
+// accepts, the filter is updated with the covariance that the localizer would use.
 //
 // Looks in a row depend on each other: a chance peak is seen again at the same place with the upper bound of the
 // counted probability, displaced and with a weight of evidence as when counted (repeated_looks.hpp); an error of the

@@ -271,26 +271,6 @@ TEST(Belief, AHintHardlyShakesWhatTheMapHasConfirmed) {
   for (int i = 0; i < 5; ++i) ASSERT_TRUE(flight.fly(Eigen::Vector2d(0, 0), 6).accepted);
   flight.belief.on_hint({flight.at + Eigen::Vector2d(600, 0), 75}, track(flight.at, 8));
   EXPECT_GT(flight.belief.track_probability(), 0.99);
-  EXPECT_EQ(flight.belief.published(circle(8)).offset_m.norm(), 0);
-}
-
-// ---- What is published
-
-// A look 200 m from a doubtful track: not sure enough to move it, and yet nearly all of the weight is there.
-TEST(Belief, APlaceThatDominatesIsPublished) {
-  PlaceBelief belief(0.5, kArea);
-  const TrackPrediction start = track({0, 0}, 20, false);
-  EXPECT_EQ(belief.published(circle(20)).offset_m.norm(), 0);
-  EXPECT_FALSE(belief.update(look_at({0, 0}, 250, PlanePoint(200, 0), 6.5), start).accepted);
-  const PlaceBelief::PlaceState published = belief.published(circle(20));
-  ASSERT_NEAR(published.offset_m.x(), 200, 5);
-  EXPECT_LT(published.covariance_m2.trace(), circle(20).trace());
-  // The ellipse and the level are about it.
-  const double track = belief.track_probability();
-  EXPECT_NEAR(belief.spread_m2(circle(20))(0, 0), track * 200 * 200, 0.5 * track * 200 * 200 + 400);
-  const auto level_m = belief.protection_level_m(circle(20), 0.3, circle(0));
-  ASSERT_TRUE(level_m);
-  EXPECT_LT(*level_m, 100);
 }
 
 TEST(Belief, AStartFromBeforeARestartIsOverruled) {
