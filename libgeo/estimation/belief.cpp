@@ -89,7 +89,7 @@ void PlaceBelief::propagate(double seconds) {
   elsewhere_.hidden += moved / 2;
 }
 
-void PlaceBelief::on_hint(const PositionHint& hint, const TrackPrediction& track) {
+void PlaceBelief::on_hint(const PlaceHint& hint, const TrackPrediction& track) {
   bring_places_to(track.covariance_m2);
   const Eigen::Matrix2d covariance_m2 = hint.sigma_m * hint.sigma_m * Eigen::Matrix2d::Identity();
   const Eigen::Vector2d offset_m = hint.position - track.position;
@@ -421,7 +421,7 @@ std::optional<double> PlaceBelief::protection_level_m(const Eigen::Matrix2d& tra
     double sum = 0;
     for (const Component& c : components) {
       const double beyond = std::max(0.0, radius_m - c.distance_m);
-      sum += c.weight * std::exp(-beyond * beyond / (2 * c.variance_m2));
+      sum += c.weight * std::exp(-beyond * beyond / (2 * kTailVarianceFactor * c.variance_m2));
     }
     return sum;
   };

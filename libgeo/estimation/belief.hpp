@@ -52,7 +52,9 @@
 //
 // Protection level. The least radius around the published position that holds all but the integrity risk of the whole
 // mixture. A Gaussian with the larger eigenvalue σ² of its covariance, at a distance o, is outside r with at most
-// exp(-(r - o)² / 2σ²). None when more than the risk is elsewhere.
+//   exp(-(r - o)² / 2 κ σ²)
+// with κ = 1. The errors of true places have heavier tails, which κ = kTailVarianceFactor covers. None when more than
+// the risk is elsewhere.
 //
 // Numbers: namespace belief of localizer_parameters.hpp.
 #pragma once
@@ -90,7 +92,7 @@ struct Look {
 };
 
 // One axis.
-struct PositionHint {
+struct PlaceHint {
   PlanePoint position;
   double sigma_m = 0;
 };
@@ -118,7 +120,7 @@ class PlaceBelief {
   void on_anchor(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,
                  const Eigen::Matrix2d& covariance_after_m2);
   // Places that contradict the track count in full from now on, until it moves.
-  void on_hint(const PositionHint& hint, const TrackPrediction& track);
+  void on_hint(const PlaceHint& hint, const TrackPrediction& track);
 
   // Second moment about the track's position: of the track and the places, without elsewhere and without the least
   // places, up to kVagueWeight together.

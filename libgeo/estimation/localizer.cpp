@@ -392,7 +392,8 @@ void Localizer::Impl::on_track_broken() { published.withheld_m.setZero(); }
 bool Localizer::Impl::match_due() const {
   if (config.anchor_every_m <= 0 || !last_anchor || !tracking.unbroken() || matching.last_failed) return true;
   if ((filter->position() - last_anchor->position).norm() >= config.anchor_every_m) return true;
-  const double certain_m = config.anchor_above_sigma_m * std::sqrt(-2 * std::log(config.integrity_risk));
+  const double certain_m =
+      config.anchor_above_sigma_m * std::sqrt(-2 * kTailVarianceFactor * std::log(config.integrity_risk));
   const auto level_m =
       belief.protection_level_m(filter->position_covariance_m2(), config.integrity_risk, Eigen::Matrix2d::Zero());
   return !level_m || *level_m > certain_m;

@@ -45,10 +45,9 @@ struct LocalizerConfig {
   std::optional<double> map_sigma_m;
   double assumed_agl_m = parameters::localizer::kAssumedAgl_m;  // only until telemetry has a height
   // A healthy flight need not match every frame with the map: after so long a displacement since the last anchor, or
-  // when the belief is less certain than one Gaussian of this sigma (one axis), σ √(-2 ln risk) being the protection
-  // level of one. So doubts that no sigma shows, another place or a start that is not confirmed, are looked into at
-  // once, and after a look that failed the next frame is looked at. The map's own error does not count: looks do not
-  // lessen it. 0 m: every frame.
+  // when the belief is less certain than one Gaussian of this sigma (one axis), by its protection level. So doubts that
+  // no sigma shows, another place or a start that is not confirmed, are looked into at once, and after a look that
+  // failed the next frame is looked at. The map's own error does not count: looks do not lessen it. 0 m: every frame.
   double anchor_every_m = 0;
   double anchor_above_sigma_m = parameters::localizer::kMatchAboveSigma_m;
   std::optional<PlaneBox> area;            // where the flight can be at all: searched when the start is not known

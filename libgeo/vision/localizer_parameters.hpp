@@ -431,15 +431,18 @@ inline constexpr double kPoorDetectionOdds = 0.27;
 inline constexpr int kDetectionSamples = 5;        // of a hypothesis, a side: their mean; numerical
 inline constexpr double kInitialVisibility = 0.8;  // before any look, that the map shows the place; chosen
 // Over a footprint of new ground the chance that the map shows the place returns to kInitialVisibility by so much of
-// the difference. Chosen.
+// the difference. Chosen: with 0.05 chance peaks under clouds are hazardous ten times as often (docs/safety-case.md).
 inline constexpr double kVisibilityChange = 0.02;
 inline constexpr double kForeignFrame = 1e-4;       // the frame is of another moment; chosen …
 inline constexpr double kForeignBrokenFrame = 0.5;  // … where it does not continue the previous one: one of the two is
 inline constexpr double kStartDoubt = 3e-3;         // a position that a person gave is wrong as a whole; chosen
 inline constexpr double kHintDoubt = 1e-2;          // a hint is wrong as a whole: a GPS may be spoofed; chosen
 inline constexpr double kHintSigmas = 2;            // its radius in σ of one axis: 86 % are inside; chosen
-inline constexpr double kTrackHazard_per_s = 1e-8;    // the track becomes wrong as a whole without a sign; chosen
-inline constexpr double kIntegrityRisk = 1e-5;        // per look: beyond the protection level; a mission may set it
+inline constexpr double kTrackHazard_per_s = 1e-8;  // the track becomes wrong as a whole without a sign; chosen
+inline constexpr double kIntegrityRisk = 1e-5;      // per look: beyond the protection level; a mission may set it
+// Of the protection level. One in 1000 of 8032 true places of the training looks lies beyond 5.8 σ, of a Gaussian 3.7
+// σ; a filtered position has less of it. Chosen between 1 and (5.8 / 3.7)².
+inline constexpr double kTailVarianceFactor = 1.5;
 inline constexpr double kMaxPlaceDoubt = 1e-3;        // of the weight may be elsewhere when the track moves; [looks]
 inline constexpr double kMaxAssociationDoubt = 5e-2;  // a chance peak beside the truth, within the prediction; chosen
 // Of a place beside the candidate: half of the least window, so that the next look searches it as well. Chosen.

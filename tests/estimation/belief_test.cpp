@@ -302,10 +302,10 @@ TEST(Belief, FindingNothingIsNoEvidenceForElsewhereWhereTheMapMayNotShowThePlace
   EXPECT_GT(flight.belief.track_probability(), 0.99);
 }
 
-TEST(ProtectionLevel, IsTheRayleighQuantileOfOneSharpTrack) {
+TEST(ProtectionLevel, IsTheRayleighQuantileOfOneSharpTrackWithAHeavierTail) {
   const PlaceBelief sure(0, kArea);
   const double level_m = sure.protection_level_m(circle(3), 1e-5, circle(4)).value();
-  EXPECT_NEAR(level_m, 5 * std::sqrt(-2 * std::log(1e-5)), 1e-6);
+  EXPECT_NEAR(level_m, 5 * std::sqrt(-2 * kTailVarianceFactor * std::log(1e-5)), 1e-6);
 }
 
 TEST(ProtectionLevel, HoldsEveryPlaceThatCountsForMoreThanTheRisk) {

@@ -113,7 +113,7 @@ std::uint64_t number_of(std::string_view code) {
 
 // The same event by plain counting and by splitting with few particles.
 TEST(MisleadingFlights, SplittingAgreesWithCountingWhereBothSee) {
-  const FaultFlight flight(stored_looks(), repeats(), FlightFault::start_500, {}, FaultFlight::misleading);
+  const FaultFlight flight(stored_looks(), repeats(), FlightFault::unchecked_pairs, {}, FaultFlight::misleading);
   CountedShare counted;
   for (int i = 0; i < 2000; ++i) {
     Random random(static_cast<std::uint64_t>(i));
