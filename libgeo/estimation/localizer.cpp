@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+#include <utility>
 
 #include "base/error.hpp"
 #include "estimation/flight_smoother.hpp"
@@ -161,6 +162,7 @@ struct Localizer::Impl {
   bool match_due() const;
   bool too_low_to_match() const;
   void apply_hint();
+  void weigh_hint(const TrackPrediction& track);
   AnchorPrior anchor_prior() const;
   LostSearch lost_search();
   AnchorMatch match_lost(const cv::Mat& grey, const AnchorPrior& prior, const LostSearch& where) const;
@@ -202,6 +204,7 @@ struct Localizer::Impl {
   PlaceBelief belief;
   SearchWindow window;
   std::optional<OperatorHint> operator_hint;
+  bool hint_weighed = false;  // in the belief
   MatchState matching;
   PublishedTrack published;
 };
@@ -265,6 +268,7 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
     Look look = look_of(*job->match, job->context);
     if (s.config.matchability != nullptr) look.detection_odds = s.detection_odds();
     LookResult result;
+    s.weigh_hint(job->context.track);  // one that came while the frame was matched
     if (job->match->on_map) result = s.belief.update(look, job->context.track);
     report.anchor = anchor_report(*job->match, job->context, look, result);
     s.window.record_attempt(report.anchor.verdict);
@@ -510,13 +514,19 @@ void Localizer::hint(const LonLat& at, double radius_m) {
                                std::to_string(radius_m) + " m"});
   }
   impl_->operator_hint.emplace(impl_->frame.plane_from_lonlat(at), radius_m);
+  impl_->hint_weighed = false;
+}
+
+void Localizer::Impl::weigh_hint(const TrackPrediction& track) {
+  if (!operator_hint || std::exchange(hint_weighed, true)) return;
+  belief.on_hint({operator_hint->at(), operator_hint->radius_m() / kHintSigmas}, track);
 }
 
 // A start that was given before has no more weight than a hint that is given now.
 void Localizer::Impl::apply_hint() {
   if (!operator_hint || operator_hint->propagating()) return;
   const TrackPrediction track{filter->position(), filter->position_covariance_m2()};
-  belief.on_hint({operator_hint->at(), operator_hint->radius_m() / kHintSigmas}, track);
+  weigh_hint(track);
   const double off_m = (operator_hint->at() - filter->position()).norm();
   const bool anchored = tracking.unbroken() && last_anchor;
   if (placed && !anchored && off_m > operator_hint->radius_m() + kOutsideHintSigmas * filter->position_sigma_m()) {

@@ -155,6 +155,20 @@ TEST(Hint, RightOrWrongTheFrameIsLocalizedWhereItWasTaken) {
   }
 }
 
+// A GPS that is trusted after take-off speaks while the first frame is being matched.
+TEST(Hint, CountsForTheFrameThatIsBeingMatched) {
+  const Moment& first = short_flight()[0];
+  const auto level_after_the_first_frame = [&](bool hinted) {
+    Localizer localizer = without_start(area_only());
+    Localizer::TrackedFrame tracked = localizer.track(first.image, first.telemetry);
+    if (hinted) localizer.hint(place_of({first.truth.position.east_m + 30, first.truth.position.north_m}), 150);
+    tracked.job->run();
+    return localizer.finish(std::move(tracked.job)).estimate.hpl_m;
+  };
+  EXPECT_FALSE(level_after_the_first_frame(false));
+  EXPECT_TRUE(level_after_the_first_frame(true));
+}
+
 // The start states 5 m, 1 sigma, and is 190 m off, so that no search window around it contains the true place. A hint
 // that contradicts it inflates its covariance.
 TEST(Hint, InflatesAStartThatNoAnchorConfirmed) {
