@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <utility>
 
@@ -68,6 +69,7 @@ double larger_eigenvalue(const Eigen::Matrix2d& covariance_m2) {
 
 PlaceBelief::PlaceBelief(double track_doubt, const PlaneBox& area)
     : area_(area),
+      position_given_(track_doubt < 1),
       detection_hits_(kDetectionHits),
       detection_looks_(kDetectionLooks),
       track_{(1 - track_doubt) * kInitialVisibility, (1 - track_doubt) * (1 - kInitialVisibility)},
@@ -94,16 +96,17 @@ void PlaceBelief::on_hint(const PlaceHint& hint, const TrackPrediction& track) {
   const Eigen::Matrix2d covariance_m2 = hint.sigma_m * hint.sigma_m * Eigen::Matrix2d::Identity();
   const Eigen::Vector2d offset_m = hint.position - track.position;
   bool says_where = !hinted_;
-  const auto contradict = [&](Weight& weight, const Eigen::Vector2d& off_m, const Eigen::Matrix2d& of_place_m2) {
+  const double most = std::exchange(position_given_, true) ? 1 : std::numeric_limits<double>::infinity();
+  const auto weigh = [&](Weight& weight, const Eigen::Vector2d& off_m, const Eigen::Matrix2d& of_place_m2) {
     const double here = area_.area_m2() * density(off_m, of_place_m2 + covariance_m2);
-    const double likelihood = std::min(1.0, kHintDoubt + (1 - kHintDoubt) * here);
+    const double likelihood = std::min(most, kHintDoubt + (1 - kHintDoubt) * here);
     weight.visible *= likelihood;
     weight.hidden *= likelihood;
   };
-  if (!hinted_) contradict(track_, offset_m, track.covariance_m2);
+  if (!hinted_) weigh(track_, offset_m, track.covariance_m2);
   for (Place& place : places_) {
     place.contradicts = false;
-    if (!hinted_) contradict(place.weight, offset_m - place.offset_m, place.covariance_m2);
+    if (!hinted_) weigh(place.weight, offset_m - place.offset_m, place.covariance_m2);
     if (place.of_hint) {
       move_weight(place.weight, elsewhere_, 1);
       says_where = true;

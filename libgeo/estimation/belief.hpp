@@ -46,9 +46,9 @@
 //
 // Hint. Someone says where the aircraft is, h ± σ, and is wrong as a whole with the chance d. Over a statement that
 // says nothing (uniform in the area A) its likelihood is
-//   L = min(1, d + (1 - d) A N(h; x_i, C_i + σ²))
-// at most 1, because it may repeat what is known. Of elsewhere all but d is a place at h. Until the track moves further
-// hints of several move that place, if no look has hit it, and say nothing more.
+//   L = d + (1 - d) A N(h; x_i, C_i + σ²)
+// and at most 1 after a start or another hint, because it may repeat them. Of elsewhere all but d is a place at h.
+// Until the track moves further hints of several move that place, if no look has hit it, and say nothing more.
 //
 // Protection level. The least radius around the published position that holds all but the integrity risk of the whole
 // mixture. A Gaussian with the larger eigenvalue σ² of its covariance, at a distance o, is outside r with at most
@@ -204,6 +204,7 @@ class PlaceBelief {
   void add(const Place& added);
 
   PlaneBox area_;
+  bool position_given_;         // a start, or a hint
   bool anchored_ = false;       // the track has moved to a candidate
   double looks_at_ground_ = 0;  // at what the last frame showed
   bool hinted_ = false;         // since the last anchor

@@ -227,6 +227,15 @@ TEST(Belief, OneClearLookConfirmsAHintAndThereIsAProtectionLevel) {
   EXPECT_FALSE(find(unhinted, {340, 180}, 6).accepted);
 }
 
+TEST(Belief, AHintAfterTheLookCountsAsMuch) {
+  PlaceBelief belief = without_start();
+  EXPECT_TRUE(find(belief, {340, 180}, 8).accepted);
+  const TrackPrediction found = track({340, 180}, 5);
+  EXPECT_FALSE(belief.protection_level_m(found.covariance_m2, kAnyRisk, circle(0)));
+  belief.on_hint({{300, 200}, 75}, found);
+  EXPECT_LT(belief.protection_level_m(found.covariance_m2, kAnyRisk, circle(0)).value_or(1e9), 100);
+}
+
 TEST(Belief, AWrongHintCostsLooks) {
   PlaceBelief hinted = without_start();
   hinted.on_hint({{-600, -600}, 75}, unknown_track());
