@@ -14,7 +14,6 @@
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package/open_package.hpp"
-#include "vision/camera_frame.hpp"
 #include "vision/matching_plan.hpp"
 
 namespace nadir {
@@ -142,6 +141,7 @@ struct Localizer::Impl {
         config(localizer_config),
         surface(config.surface != nullptr ? config.surface : &flat),
         matcher(tiles != nullptr ? config.matcher({camera, *tiles, frame, *surface}) : nullptr),
+        frame_checker(config.frame_checker()),
         odometry(config.odometry()),
         placed(known_start.has_value()),
         tracking(known_start.has_value()),
@@ -190,7 +190,7 @@ struct Localizer::Impl {
   const GroundSurface* surface;
   std::unique_ptr<MapMatcher> matcher;  // none without a map
 
-  FrozenFrameDetector frozen_frame;
+  std::unique_ptr<FrameChecker> frame_checker;
   std::unique_ptr<OdometryFrontEnd> odometry;
 
   std::optional<FlightFilter> filter;   // made with the first telemetry, which shows whether tilt is logged
@@ -230,7 +230,7 @@ Localizer::TrackedFrame Localizer::track(const cv::Mat& image, const Telemetry& 
   Impl& s = *impl_;
   TrackedFrame result;
   const cv::Mat grey = grey_of(image);
-  const bool usable = measure_frame_quality(grey).usable && !s.frozen_frame.repeats(grey);
+  const bool usable = s.frame_checker->check(grey).usable();
   s.telemetry.tilt_logged = s.telemetry.tilt_logged || measured.pitch_rad.has_value();  // NaN too: other frames have it
 
   const double seconds = s.predict(plausible_telemetry(measured, s.telemetry.last_time_s.value_or(0)));
