@@ -5,6 +5,7 @@
 #include <bit>
 #include <cstdint>
 #include <cstring>
+#include <deque>
 #include <string>
 #include <utility>
 
@@ -237,7 +238,7 @@ struct RecordedVision::Tape {
     std::size_t frame = 0;
     OdometryFrame seen;  // without its image
   };
-  std::optional<GivenFrame> last_given;  // to odometry, unless it was told to forget it
+  std::deque<GivenFrame> given;  // to odometry, as many as it compares a frame with; since it was told to forget them
 
   [[noreturn]] void refuse(std::string found) const {
     throw Error({.what = fmt::format("frame {} is estimated differently than when it was processed", frame),
@@ -257,6 +258,8 @@ struct RecordedVision::Tape {
 };
 
 namespace {
+
+constexpr std::size_t kComparedFrames = 2;  // the last one and, over an outlier, the one before it
 
 class RecordedFrameChecker final : public FrameChecker {
  public:
@@ -288,13 +291,21 @@ class RecordedOdometry final : public OdometryFrontEnd {
     using Answer = std::optional<OdometryStep>;
     Answer step = tape_->restoring ? tape_->next_restored<Answer>() : real_->track(frame);
     if (!tape_->restoring) tape_->answers.emplace_back(step);
-    tape_->last_given.emplace(RecordedVision::Tape::GivenFrame{tape_->frame, frame});
-    tape_->last_given->seen.grey.release();
+    tape_->given.push_back({tape_->frame, frame});
+    tape_->given.back().seen.grey.release();
+    if (tape_->given.size() > kComparedFrames) tape_->given.pop_front();
+    return step;
+  }
+
+  std::optional<OdometryStep> track_over_last() override {
+    using Answer = std::optional<OdometryStep>;
+    Answer step = tape_->restoring ? tape_->next_restored<Answer>() : real_->track_over_last();
+    if (!tape_->restoring) tape_->answers.emplace_back(step);
     return step;
   }
 
   void reset() override {
-    tape_->last_given.reset();
+    tape_->given.clear();
     real_->reset();
   }
 
@@ -381,8 +392,7 @@ void RecordedVision::go_live(const ImageOf& image_of) {
     sharp = image(*tape_->last_sharp);
     tape_->checker->check(sharp);
   }
-  if (tape_->last_given) {
-    auto& [frame, seen] = *tape_->last_given;
+  for (const auto& [frame, seen] : tape_->given) {
     OdometryFrame with_image = seen;
     with_image.grey = frame == tape_->last_sharp ? sharp : image(frame);
     tape_->odometry->track(with_image);

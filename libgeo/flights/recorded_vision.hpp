@@ -13,7 +13,7 @@
 //   vision.go_live(image_of);                    // once, before the first frame that is not
 //   for each further frame:        vision.begin_frame(i); localizer.process(image, telemetry); vision.end_frame();
 //
-// Two of the three remember frames: odometry the last ones that it was given, the checker the last sharp one. go_live()
+// Two of the three remember frames: odometry the last two that it was given, the checker the last sharp one. go_live()
 // asks for those images and gives them to the real ones. A matcher remembers nothing that changes a result.
 #pragma once
 

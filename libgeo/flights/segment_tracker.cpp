@@ -84,20 +84,21 @@ SegmentTracker::Changes SegmentTracker::on_frame(const FrameReport& report) {
   Changes changes;
   const std::size_t frame = frame_++;
   const AnchorReport& look = report.anchor;
-  if (!segment_ || segment_->number != report.estimate.segment) {
-    segment_ = FlightSegment{.number = report.estimate.segment, .first_frame = frame, .last_frame = frame};
-    changes.events.push_back(event(FlightEventKind::segment_started, frame, {{"segment", segment_->number}}));
-  }
-  segment_->last_frame = frame;
+  const int number = report.estimate.segment;
+  const auto [found, started] =
+      segments_.try_emplace(number, FlightSegment{.number = number, .first_frame = frame, .last_frame = frame});
+  FlightSegment& segment = found->second;
+  if (started) changes.events.push_back(event(FlightEventKind::segment_started, frame, {{"segment", number}}));
+  segment.last_frame = frame;
   changes.events.push_back(event(FlightEventKind::frame_processed, frame, processed_body(report)));
 
   const bool looked = look.verdict != AnchorVerdict::not_tried && look.verdict != AnchorVerdict::frame_unfit;
   if (look.verdict == AnchorVerdict::accepted) {
     failed_looks_ = 0;
-    if (segment_->state == SegmentState::floating) {
-      segment_->state = SegmentState::anchored;
-      segment_->anchored_frame = frame;
-      changes.events.push_back(event(FlightEventKind::segment_anchored, frame, {{"segment", segment_->number}}));
+    if (segment.state == SegmentState::floating) {
+      segment.state = SegmentState::anchored;
+      segment.anchored_frame = frame;
+      changes.events.push_back(event(FlightEventKind::segment_anchored, frame, {{"segment", number}}));
     }
   } else if (looked && look.verdict != AnchorVerdict::awaiting_votes) {  // which found a place, if not for certain
     ++failed_looks_;
@@ -111,10 +112,10 @@ SegmentTracker::Changes SegmentTracker::on_frame(const FrameReport& report) {
     if (failed_looks_ == kFailuresBeforeHelp) {
       changes.events.push_back(
           event(FlightEventKind::user_input_needed, frame,
-                {{"segment", segment_->number}, {"failed_looks", failed_looks_}, {"verdict", name_of(look.verdict)}}));
+                {{"segment", number}, {"failed_looks", failed_looks_}, {"verdict", name_of(look.verdict)}}));
     }
   }
-  changes.segments.push_back(*segment_);
+  changes.segments.push_back(segment);
   return changes;
 }
 

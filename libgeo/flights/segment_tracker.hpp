@@ -2,6 +2,7 @@
 //
 // A segment is a stretch over which the relative motion is known: odometry tracked each of its frames from the one
 // before. A new one begins where tracking is lost (a sharp turn, a picture of another place, a frame that is unfit).
+// Where a single picture shows another place, it is skipped: it is a segment by itself, and the one before it goes on.
 //
 //   floating   nothing has tied it to the map yet
 //   anchored   a look at the map was accepted in one of its frames
@@ -12,6 +13,7 @@
 #pragma once
 
 #include <cstddef>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -69,9 +71,9 @@ class SegmentTracker {
 
  private:
   std::size_t frame_ = 0;
-  std::optional<FlightSegment> segment_;
-  int failed_looks_ = 0;           // in a row
-  double announced_window_m_ = 0;  // half the side, of the failed looks
+  std::map<int, FlightSegment> segments_;  // by number: one goes on after an outlier
+  int failed_looks_ = 0;                   // in a row
+  double announced_window_m_ = 0;          // half the side, of the failed looks
 };
 
 }  // namespace nadir

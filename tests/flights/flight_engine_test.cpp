@@ -210,10 +210,14 @@ TEST(FlightEngine, AnEventfulFlightHasSegments) {
   ASSERT_GE(segments.size(), 3U);
   for (std::size_t i = 0; i < segments.size(); ++i) {
     EXPECT_LE(segments[i].first_frame, segments[i].last_frame);
-    EXPECT_EQ(segments[i].first_frame, i == 0 ? 0 : segments[i - 1].last_frame + 1) << "without gaps";
+    EXPECT_EQ(segments[i].number, static_cast<int>(i)) << "numbers are given once, without gaps";
     EXPECT_EQ(segments[i].state == SegmentState::anchored, segments[i].anchored_frame.has_value());
   }
-  EXPECT_EQ(segments.back().last_frame, 7U);
+  // Frame 6 shows another place: a segment of its own, over which the one before it goes on.
+  EXPECT_EQ(segments.back().first_frame, 6U);
+  EXPECT_EQ(segments.back().last_frame, 6U);
+  EXPECT_EQ(segments[segments.size() - 2].last_frame, 7U);
+  EXPECT_LT(segments[segments.size() - 2].first_frame, 6U);
 }
 
 TEST(FlightEngine, AFixIsAppliedAgainWhenTheFlightIsResumed) {
@@ -306,6 +310,20 @@ TEST(SegmentTracker, AsksForHelpOnceAfterThreeFailures) {
   EXPECT_EQ(kinds(tracker.on_frame(report(0, AnchorVerdict::no_map))), (std::vector{user_input_needed})) << "again";
   EXPECT_EQ(kinds(tracker.on_frame(report(3, AnchorVerdict::accepted))),
             (std::vector{segment_started, segment_anchored}));
+}
+
+TEST(SegmentTracker, ASegmentGoesOnAfterAnOutlier) {
+  using enum FlightEventKind;
+  SegmentTracker tracker;
+  EXPECT_EQ(kinds(tracker.on_frame(report(0, AnchorVerdict::accepted))),
+            (std::vector{segment_started, segment_anchored}));
+  EXPECT_EQ(kinds(tracker.on_frame(report(1, AnchorVerdict::ambiguous))), (std::vector{segment_started}));
+  const auto changes = tracker.on_frame(report(0, AnchorVerdict::accepted));
+  EXPECT_TRUE(kinds(changes).empty());
+  ASSERT_EQ(changes.segments.size(), 1U);
+  EXPECT_EQ(changes.segments[0],
+            (FlightSegment{
+                .number = 0, .first_frame = 0, .last_frame = 2, .state = SegmentState::anchored, .anchored_frame = 0}));
 }
 
 TEST(SegmentTracker, AVoteThatIsAwaitedIsNoFailure) {
