@@ -31,7 +31,7 @@ EncodedPicture plain_picture(int number) {
 std::vector<EncodedPicture> flight_pictures(Course course) {
   const bool eventful = course == Course::eventful;
   std::vector<EncodedPicture> pictures;
-  const std::vector<Moment> moments = flight(eventful ? 8 : 5);
+  const std::vector<Moment> moments = flight(eventful ? 10 : 5);
   for (std::size_t i = 0; i < moments.size(); ++i) {
     EncodedPicture& picture = pictures.emplace_back();
     picture.telemetry = moments[i].telemetry;
@@ -45,7 +45,7 @@ std::vector<EncodedPicture> flight_pictures(Course course) {
       cv::merge(std::vector<cv::Mat>(3, moments[3].image), colour);
       picture.bytes = encode_lossless_webp(colour);
     }
-    if (i == 6) picture.bytes = encode_image(moments[0].image, ImageFormat::webp, 95);
+    if (i == 8) picture.bytes = encode_image(moments[0].image, ImageFormat::webp, 95);
   }
   return pictures;
 }
