@@ -2,17 +2,24 @@
 #include "flights/flight_engine.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <csignal>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <sstream>
+#include <thread>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/random.hpp"
 #include "flights/stored_flight.hpp"
+#include "imagery/sqlite_database.hpp"
 #include "recorder/record_codec.hpp"
 #include "support/cancel_after.hpp"
 #include "support/process.hpp"
+#include "support/small_disk.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -152,6 +159,34 @@ TEST(FlightEngine, KilledAtEveryCommitItGoesOnWithTheSameBytes) {
   EXPECT_NE(found, original);
 }
 
+// At any moment, not only at commits.
+TEST(FlightEngine, KilledAtRandomMomentsItGoesOnWithTheSameEstimates) {
+  const TemporaryFolder temporary;
+  const fs::path folder = temporary / "flight";
+  stored_flight(folder, Course::eventful).reset();
+  Random random(23);
+  int kills = 0;
+  for (int run = 0; run < 25; ++run) {
+    const std::string program = NADIR_KILLED_FLIGHT, where = folder.string();
+    const pid_t child = ::fork();
+    if (child == 0) {
+      ::execl(program.c_str(), program.c_str(), where.c_str(), "fly", "eventful", "0", nullptr);
+      ::_exit(4);
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(random.integer(20, 400)));
+    ::kill(child, SIGKILL);
+    int status = 0;
+    ::waitpid(child, &status, 0);
+    kills += WIFSIGNALED(status) ? 1 : 0;
+    ASSERT_EQ(FlightStore::open(folder)->accepted(), 10U);
+  }
+  EXPECT_GT(kills, 5);
+  const auto store = FlightStore::open(folder);
+  process_wholly(*store, Course::eventful);
+  const auto before_events = [](const std::string& text) { return text.substr(0, text.find("event")); };
+  EXPECT_EQ(before_events(written_out(*store)), before_events(uninterrupted(Course::eventful)));
+}
+
 TEST(FlightEngine, CancelledInAFrameItIsAsIfTheFrameHadNotBegun) {
   const TemporaryFolder temporary;
   const auto store = stored_flight(temporary / "flight", Course::smooth);
@@ -176,6 +211,28 @@ TEST(FlightEngine, PicturesMayComeWhileOthersAreProcessed) {
     store->accept({&offer, 1}, kNow);
     EXPECT_EQ(engine.process(), 1U);
   }
+  engine.complete();
+  const auto estimates = [](const std::string& text) { return text.substr(0, text.find("event")); };
+  EXPECT_EQ(estimates(written_out(*store)), estimates(uninterrupted(Course::smooth)));
+}
+
+TEST(FlightEngine, ABatchIsStoredWhileFramesAreProcessed) {
+  const TemporaryFolder temporary;
+  const auto pictures = flight_pictures(Course::smooth);
+  const auto store = FlightStore::create(temporary / "flight", description(Course::smooth), kNow);
+  const auto batch = offers(pictures);
+  store->accept(std::span(batch).first(1), kNow);
+  std::thread uploads([&] {
+    for (std::size_t i = 1; i < batch.size(); ++i) {
+      store->accept(std::span(batch).subspan(i, 1), kNow);
+      store->events_after(0, 1000);
+      store->segments();
+    }
+  });
+  FlightEngine engine(*store, engine_setup(Course::smooth), kOptions);
+  std::size_t processed = 0;
+  while (processed < batch.size()) processed += engine.process();
+  uploads.join();
   engine.complete();
   const auto estimates = [](const std::string& text) { return text.substr(0, text.find("event")); };
   EXPECT_EQ(estimates(written_out(*store)), estimates(uninterrupted(Course::smooth)));
@@ -260,6 +317,68 @@ TEST(FlightEngine, AMissingPictureBlocksTheFlightAndSaysSo) {
   EXPECT_EQ(last.event.frame, 2U);
   fs::rename(aside, picture);
   EXPECT_EQ(engine.process(), 3U) << "it goes on";
+}
+
+TEST(FlightEngine, AFullDiskStopsItUntilThereIsRoom) {
+  const TemporaryFolder temporary;
+  SmallDisk disk(temporary / "disk", "size=8m");
+  if (!disk.mounted()) GTEST_SKIP() << "only root may mount a tmpfs";
+  const fs::path folder = temporary / "disk" / "flight", ballast = temporary / "disk" / "ballast";
+  const auto store = stored_flight(folder, Course::smooth);
+  FlightEngine engine(*store, engine_setup(Course::smooth), kOptions);
+  const auto fill = [&](std::size_t frame, FrameReport&, bool) {
+    if (frame == 1) temporary.write("disk/ballast", std::string(fs::space(folder).available, 'x'));
+  };
+  EXPECT_THROW(engine.process({}, fill), Error);
+  EXPECT_EQ(store->processed(), 2U);
+  EXPECT_THROW(engine.process(), Error) << "it is still full";
+  fs::remove(ballast);
+  EXPECT_EQ(engine.process(), 3U);
+  engine.complete();
+  const auto estimates = [](const std::string& text) { return text.substr(0, text.find("event")); };
+  EXPECT_EQ(estimates(written_out(*store)), estimates(uninterrupted(Course::smooth)));
+}
+
+TEST(FlightEngine, ChangedRowsAreAnError) {
+  for (const char* change :
+       {"UPDATE measurement SET answers = x'0102' WHERE frame = 1", "DELETE FROM measurement WHERE frame = 1",
+        "UPDATE estimate SET record = x'00' WHERE frame = 1", "UPDATE picture SET telemetry = x'07' WHERE frame = 1",
+        "UPDATE measurement SET answers = (SELECT answers FROM measurement WHERE frame = 0) WHERE frame = 1",
+        "UPDATE estimate SET record = (SELECT record FROM estimate WHERE frame = 0) WHERE frame = 1"}) {
+    const TemporaryFolder temporary;
+    const fs::path folder = temporary / "flight";
+    {
+      const auto store = stored_flight(folder, Course::smooth);
+      FlightEngine engine(*store, engine_setup(Course::smooth), kOptions);
+      struct Enough {};
+      EXPECT_THROW(engine.process({},
+                                  [](std::size_t frame, FrameReport&, bool) {
+                                    if (frame == 1) throw Enough();
+                                  }),
+                   Enough);
+    }
+    {
+      SqliteDatabase database = SqliteDatabase::open_writable(folder / kFlightFile);
+      database.execute(change);
+      database.close();
+    }
+    const auto store = FlightStore::open(folder);
+    FlightEngine engine(*store, engine_setup(Course::smooth), kOptions);
+    EXPECT_THROW(engine.process(), Error) << change;
+    EXPECT_EQ(store->processed(), 2U) << change;
+  }
+}
+
+TEST(FlightEngine, FramesWithGapsAreNoFlight) {
+  const TemporaryFolder temporary;
+  const fs::path folder = temporary / "flight";
+  stored_flight(folder, Course::smooth).reset();
+  {
+    SqliteDatabase database = SqliteDatabase::open_writable(folder / kFlightFile);
+    database.execute("DELETE FROM picture WHERE frame = 1");
+    database.close();
+  }
+  EXPECT_THROW(FlightStore::open(folder), Error);
 }
 
 TEST(FlightEngine, AnotherMapOrStartIsNoticed) {
