@@ -142,6 +142,10 @@ void check_place(const LonLat& place, double radius_m) {
                     .found = fmt::format("{},{} within {} m", place.lon_deg, place.lat_deg, radius_m)});
 }
 
+bool plain_file_name(const fs::path& file) {
+  return !file.empty() && file.filename() == file && file != "." && file != "..";
+}
+
 // The files of a batch: complete and synced, but without names until name_all(); those with a name lose it again unless
 // the batch becomes part of the flight.
 class PendingPictures {
@@ -367,7 +371,14 @@ void FlightStore::Impl::load() {
   description.name = row.text(0);
   description.package = row.text(1);
   description.camera_text = row.text(2);
-  if (!row.is_null(3)) outside = fs::path(std::string(row.text(3)));
+  if (!row.is_null(3) && !options.outside) {
+    throw UsageError({.what = "the pictures of this flight lie outside of it",
+                      .where = folder.string(),
+                      .expected = "the folder of the pictures",
+                      .found = printable(row.text(3)),
+                      .fix = "say where they are"});
+  }
+  if (!row.is_null(3)) outside = fs::absolute(*options.outside);
   const auto record = decode(Topic::session, row.blob(4));
   if (!record) refuse_damaged(database->path(), "a session that cannot be read");
   description.session = std::get<SessionRecord>(*record);
@@ -655,6 +666,8 @@ Bytes FlightStore::read_picture(std::size_t frame) const {
     outside = impl_->outside;
   }
   if (outside) {
+    if (!plain_file_name(file))
+      refuse_damaged(impl_->database->path(), fmt::format("a path as the file of frame {}", frame));
     Bytes bytes;
     try {
       bytes = read_file(*outside / file);

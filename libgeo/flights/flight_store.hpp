@@ -65,6 +65,9 @@ using FlightCommitHook = std::function<void(std::string_view transaction, bool c
 struct FlightStoreOptions {
   StoreSync sync = StoreSync::every_commit;
   PictureLimits limits;
+  // Where the pictures lie of a flight that refers to a folder (FlightStore::refer()). A flight from somebody else must
+  // not choose which files are read here: what its database says is not used.
+  std::optional<std::filesystem::path> outside;
   FlightCommitHook hook;
 };
 
@@ -158,7 +161,8 @@ class FlightStore {
   // UsageError when it holds a flight, Error, OutOfSpace.
   static std::unique_ptr<FlightStore> create(const std::filesystem::path& folder, const FlightDescription& description,
                                              UtcMillis now, const FlightStoreOptions& options = {});
-  // Throws UsageError when there is no flight, when another process has it, and for another version's.
+  // Throws UsageError when there is no flight, when another process has it, for another version's, and when its
+  // pictures lie outside and options.outside does not say where.
   static std::unique_ptr<FlightStore> open(const std::filesystem::path& folder, const FlightStoreOptions& options = {});
   // Without a folder: for flights that nobody will resume. Its pictures lie elsewhere (refer()).
   static std::unique_ptr<FlightStore> in_memory(const FlightDescription& description, UtcMillis now);

@@ -345,11 +345,26 @@ TEST_F(StoredPictures, PicturesOutsideStayThere) {
     EXPECT_THROW(store->refer(outside, rows, {}, kNow), UsageError);
     EXPECT_THROW(problem(*store, plain_picture(3)), UsageError);
   }
-  const auto store = FlightStore::open(folder());
-  EXPECT_EQ(store->accepted(), 2U);
-  EXPECT_EQ(files(), 0U);
-  EXPECT_EQ(store->read_picture(1), pictures[1].bytes);
-  fs::remove(outside / pictures[1].name);
+  EXPECT_THROW(FlightStore::open(folder()), UsageError) << "the flight does not choose which files are read";
+  fs::rename(outside, temporary_ / "moved");
+  FlightStoreOptions options;
+  options.outside = temporary_ / "moved";
+  {
+    const auto store = FlightStore::open(folder(), options);
+    EXPECT_EQ(store->accepted(), 2U);
+    EXPECT_EQ(files(), 0U);
+    EXPECT_EQ(store->read_picture(1), pictures[1].bytes);
+  }
+  const auto change = [this](const std::string& sql) {
+    SqliteDatabase database = SqliteDatabase::open_writable(folder() / kFlightFile);
+    database.execute(sql);
+    database.close();
+  };
+  temporary_.write("secret", "not to be read");
+  change("UPDATE picture SET file = '../secret' WHERE frame = 0");
+  const auto store = FlightStore::open(folder(), options);
+  EXPECT_THROW(store->read_picture(0), Error);
+  fs::remove(temporary_ / "moved" / pictures[1].name);
   EXPECT_TRUE(store->read_picture(1).empty()) << "an unfit frame";
 }
 

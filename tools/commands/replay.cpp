@@ -126,8 +126,8 @@ void remark(Context& context, std::string_view text) {
 
 // Not synced at each frame: what a loss of power costs is processed again.
 std::unique_ptr<FlightStore> flight_store(const std::filesystem::path& folder, const FlightDescription& flight,
-                                          bool resume) {
-  const FlightStoreOptions options{.sync = StoreSync::checkpoints, .limits = {}, .hook = {}};
+                                          const std::filesystem::path& frames, bool resume) {
+  const FlightStoreOptions options{.sync = StoreSync::checkpoints, .limits = {}, .outside = frames, .hook = {}};
   if (!resume) {
     std::filesystem::remove_all(folder);
     return FlightStore::create(folder, flight, system_clock_millis(), options);
@@ -265,7 +265,7 @@ int ReplayCommand::run(Context& context) {
   }
 
   std::unique_ptr<FlightStore> store;
-  if (!recorded) store = flight_store(stored, flight_description(flight, session), resumable);
+  if (!recorded) store = flight_store(stored, flight_description(flight, session), flight.frames_folder, resumable);
   setup.store = store.get();
   staging.keep(resume_);
   EstimatesCsv csv(staging.path() / "estimates.csv");
