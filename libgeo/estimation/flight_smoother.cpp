@@ -11,12 +11,45 @@ namespace {
 
 using namespace parameters::smoother;
 
+// A frame that the track skips. Nothing after it says where it was taken: its position is dead-reckoned from the frame
+// before it, with that frame's correction.
+struct Outlier {
+  std::size_t step = 0;
+  FlightFilter::Smoothed before, predicted;
+};
+
+FlightFilter::Smoothed state_of(const FlightFilter& filter) {
+  return {filter.position(), filter.position_covariance_m2(), filter.state()};
+}
+
 std::vector<FlightFilter::Smoothed> smooth_without(const FlightFilter& initial, const std::vector<FlightStep>& steps,
                                                    const std::vector<bool>& off) {
   FlightFilter filter = initial;
   filter.keep_history();
-  for (std::size_t i = 0; i < steps.size(); ++i) apply_step(filter, steps[i], !off[i]);
-  return filter.smoothed();
+  std::vector<Outlier> outliers;
+  for (std::size_t i = 0; i < steps.size(); ++i) {
+    if (i + 1 < steps.size() && steps[i + 1].motion_over_outlier) {
+      const FlightFilter before = filter;
+      apply_step(filter, steps[i], !off[i]);
+      outliers.push_back({i, state_of(before), state_of(filter)});
+      filter = before;
+      ++i;
+      apply_step_over(filter, steps[i - 1], steps[i], !off[i]);
+    } else {
+      apply_step(filter, steps[i], !off[i]);
+    }
+  }
+  std::vector<FlightFilter::Smoothed> frames = filter.smoothed();
+  for (const Outlier& outlier : outliers) {
+    FlightFilter::Smoothed frame = outlier.predicted;
+    if (outlier.step > 0) {
+      const Eigen::Vector2d correction_m = frames[outlier.step - 1].position - outlier.before.position;
+      frame.position = frame.position + correction_m;
+      frame.state.head<2>() += correction_m;
+    }
+    frames.insert(frames.begin() + static_cast<std::ptrdiff_t>(outlier.step), frame);
+  }
+  return frames;
 }
 
 // χ² of an anchor against the track that it is part of. Its own share makes both the distance and its covariance
@@ -42,11 +75,24 @@ void propagate_to(FlightFilter& filter, const FlightStep& step) {
   filter.predict(left_s, step.measured_heading_rad, step.tilt_measured, step.imu_dv_mps);
 }
 
-Eigen::Vector2d apply_step(FlightFilter& filter, const FlightStep& step, bool with_anchor) {
-  Eigen::Vector2d past_correction_m = Eigen::Vector2d::Zero();
+void propagate_over(FlightFilter& filter, const FlightStep& outlier, const FlightStep& step) {
+  double left_s = outlier.seconds;
+  for (const TelemetryInterval& interval : outlier.intervals) {
+    filter.propagate(interval);
+    left_s -= interval.seconds;
+  }
+  filter.propagate({left_s, outlier.measured_heading_rad, outlier.imu_dv_mps});
   propagate_to(filter, step);
+}
+
+namespace {
+
+// All of a step but the propagation.
+Eigen::Vector2d update_with(FlightFilter& filter, const FlightStep& step,
+                            const std::optional<RelativeMotionMeasurement>& motion, bool with_anchor) {
+  Eigen::Vector2d past_correction_m = Eigen::Vector2d::Zero();
   if (step.height_reset_sigma) filter.reset_height(*step.height_reset_sigma);
-  if (step.relative_motion) past_correction_m = filter.update_relative(*step.relative_motion);
+  if (motion) past_correction_m = filter.update_relative(*motion);
   if (step.contradicted_turn_rad) filter.inflate_heading(*step.contradicted_turn_rad);
   if (step.wrong_course_sigma_m) filter.inflate_position(*step.wrong_course_sigma_m);
   if (step.hint_sigma_m) filter.inflate_position(*step.hint_sigma_m);
@@ -54,6 +100,19 @@ Eigen::Vector2d apply_step(FlightFilter& filter, const FlightStep& step, bool wi
   if (step.finer_map_sigma_m) filter.inflate_position(*step.finer_map_sigma_m);
   if (step.anchor && with_anchor) filter.update_absolute(*step.anchor);
   return past_correction_m;
+}
+
+}  // namespace
+
+Eigen::Vector2d apply_step(FlightFilter& filter, const FlightStep& step, bool with_anchor) {
+  propagate_to(filter, step);
+  return update_with(filter, step, step.relative_motion, with_anchor);
+}
+
+Eigen::Vector2d apply_step_over(FlightFilter& filter, const FlightStep& outlier, const FlightStep& step,
+                                bool with_anchor) {
+  propagate_over(filter, outlier, step);
+  return update_with(filter, step, step.motion_over_outlier, with_anchor);
 }
 
 SmoothedFlight smooth_flight(const FlightFilter& initial, const std::vector<FlightStep>& steps) {

@@ -25,6 +25,9 @@ struct FlightStep {
   std::optional<Eigen::Vector2d> imu_dv_mps;
   std::optional<double> height_reset_sigma;  // of the log height: its source has changed
   std::optional<RelativeMotionMeasurement> relative_motion;
+  // In place of relative_motion: since the frame before the last one, which is an outlier. The filter goes on from that
+  // frame; the outlier's own step leads nowhere.
+  std::optional<RelativeMotionMeasurement> motion_over_outlier;
   std::optional<double> contradicted_turn_rad;        // the images' turn beyond the telemetry's: inflates the heading
   std::optional<double> wrong_course_sigma_m;         // inflates the position: the course may be another one
   std::optional<double> hint_sigma_m;                 // the same, before the frame was matched: an operator's hint
@@ -44,6 +47,13 @@ void propagate_to(FlightFilter& filter, const FlightStep& step);
 // Applies a step to the filter, with its anchor or without. Returns the correction of the previous frame's position
 // (FlightFilter::update_relative()).
 Eigen::Vector2d apply_step(FlightFilter& filter, const FlightStep& step, bool with_anchor);
+
+// Brings the filter, which is at the frame before the outlier, to the step's frame.
+void propagate_over(FlightFilter& filter, const FlightStep& outlier, const FlightStep& step);
+
+// apply_step() of a step with motion_over_outlier. filter: as it was before the outlier's step.
+Eigen::Vector2d apply_step_over(FlightFilter& filter, const FlightStep& outlier, const FlightStep& step,
+                                bool with_anchor);
 
 struct SmoothedFlight {
   std::vector<FlightFilter::Smoothed> frames;

@@ -14,7 +14,6 @@
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package/open_package.hpp"
-#include "vision/camera_frame.hpp"
 #include "vision/matching_plan.hpp"
 
 namespace nadir {
@@ -55,6 +54,13 @@ struct LastLook {
   double time_s = 0;
   int segment = 0;
   PlanePoint position;  // of the track
+};
+
+// The track as it was before a frame: where it goes on if that frame turns out to show another place.
+struct TrackBefore {
+  FlightFilter filter;
+  Eigen::Vector2d withheld_m;
+  std::optional<LastLook> last_look;
 };
 
 struct MatchState {
@@ -142,6 +148,7 @@ struct Localizer::Impl {
         config(localizer_config),
         surface(config.surface != nullptr ? config.surface : &flat),
         matcher(tiles != nullptr ? config.matcher({camera, *tiles, frame, *surface}) : nullptr),
+        frame_checker(config.frame_checker()),
         odometry(config.odometry()),
         placed(known_start.has_value()),
         tracking(known_start.has_value()),
@@ -150,7 +157,9 @@ struct Localizer::Impl {
 
   // The steps of a frame, in order.
   double predict(const Telemetry& plausible);
-  bool update_with_odometry(const cv::Mat& grey, OdometryReport& report);
+  bool update_with_odometry(const OdometryFrame& seen, OdometryReport& report);
+  bool update_over_outlier(const OdometryFrame& seen, OdometryReport& report);
+  RelativeMotionMeasurement measured_motion(const OdometryStep& motion, const OdometryFrame& seen) const;
   OdometryFrame odometry_frame(const cv::Mat& grey) const;
   void on_track_broken();
   std::unique_ptr<AnchorJob> begin_match(const cv::Mat& grey);
@@ -190,12 +199,13 @@ struct Localizer::Impl {
   const GroundSurface* surface;
   std::unique_ptr<MapMatcher> matcher;  // none without a map
 
-  FrozenFrameDetector frozen_frame;
+  std::unique_ptr<FrameChecker> frame_checker;
   std::unique_ptr<OdometryFrontEnd> odometry;
 
   std::optional<FlightFilter> filter;   // made with the first telemetry, which shows whether tilt is logged
   std::optional<FlightFilter> initial;  // the same before the first frame
   std::vector<FlightStep> steps;        // a frame each
+  std::optional<TrackBefore> before_now, before_last;  // before the current frame, and before the one before it
   TelemetryState telemetry;
   bool placed;  // the start is known, or an anchor has been accepted since
   TrackingState tracking;
@@ -230,21 +240,27 @@ Localizer::TrackedFrame Localizer::track(const cv::Mat& image, const Telemetry& 
   Impl& s = *impl_;
   TrackedFrame result;
   const cv::Mat grey = grey_of(image);
-  const bool usable = measure_frame_quality(grey).usable && !s.frozen_frame.repeats(grey);
+  const bool usable = s.frame_checker->check(grey).usable();
   s.telemetry.tilt_logged = s.telemetry.tilt_logged || measured.pitch_rad.has_value();  // NaN too: other frames have it
 
+  s.before_last = std::exchange(s.before_now, std::nullopt);
+  if (s.filter) s.before_now.emplace(TrackBefore{*s.filter, s.published.withheld_m, s.matching.last});
   const double seconds = s.predict(plausible_telemetry(measured, s.telemetry.last_time_s.value_or(0)));
   s.belief.propagate(seconds);
   // Two images hardly determine a motion when one may be tilted by 20 degrees.
   FrameLink link{.first = s.steps.size() == 1, .comparable = usable && !s.filter->tilt_missing()};
   link.expected_overlap = s.tracking.expects_overlap(*s.filter, seconds, s.footprint_m());
   if (link.comparable) {
-    link.tracked = result.report.odometry.tracked = s.update_with_odometry(grey, result.report.odometry);
+    OdometryReport& odometry = result.report.odometry;
+    const OdometryFrame seen = s.odometry_frame(grey);
+    link.tracked = s.update_with_odometry(seen, odometry);
+    link.over_outlier = !link.tracked && s.update_over_outlier(seen, odometry);
+    odometry.tracked = link.tracked || link.over_outlier;
   } else {
     s.odometry->reset();
   }
   s.tracking.on_frame(link);
-  if (!link.tracked) s.on_track_broken();
+  if (!s.tracking.tracked()) s.on_track_broken();
 
   if (usable) {
     result.job = s.begin_match(grey);
@@ -362,16 +378,22 @@ OdometryFrame Localizer::Impl::odometry_frame(const cv::Mat& grey) const {
   return seen;
 }
 
-bool Localizer::Impl::update_with_odometry(const cv::Mat& grey, OdometryReport& report) {
-  const OdometryFrame seen = odometry_frame(grey);
+// As the filter takes it.
+RelativeMotionMeasurement Localizer::Impl::measured_motion(const OdometryStep& motion,
+                                                           const OdometryFrame& seen) const {
+  RelativeMotionMeasurement measurement = motion.measurement;
+  inflate_unknown_slope(measurement, surface->relief_sigma_m() / footprint_side_m(camera, seen.agl_m));
+  return measurement;
+}
+
+bool Localizer::Impl::update_with_odometry(const OdometryFrame& seen, OdometryReport& report) {
   const auto motion = odometry->track(seen);
   if (!motion) return false;
   report.inliers = motion->inliers;
   report.step_m = motion->displacement_m.norm();
   FlightStep& step = steps.back();
   if (exceeds_reach(*filter, report.step_m, step.seconds, footprint_m())) return false;
-  RelativeMotionMeasurement measurement = motion->measurement;
-  inflate_unknown_slope(measurement, surface->relief_sigma_m() / footprint_side_m(camera, seen.agl_m));
+  const RelativeMotionMeasurement measurement = measured_motion(*motion, seen);
   const double turn_rad = std::abs(wrap_pi(measurement.value[3]));
   const bool contradicted = contradicts_turn(turn_rad, seen.heading_sigma_rad);
   if (contradicted) {
@@ -387,6 +409,37 @@ bool Localizer::Impl::update_with_odometry(const cv::Mat& grey, OdometryReport& 
   step.wrong_course_sigma_m = course.on_step(contradicted, filter->sigma(FlightFilter::heading), report.step_m);
   if (step.wrong_course_sigma_m) filter->inflate_position(*step.wrong_course_sigma_m);
   return !contradicted;
+}
+
+// The last frame did not continue the one before it, and this one does not continue the last. If it continues the one
+// before the last, two of three show the same ground: the last one is the outlier, and the track goes on from the frame
+// before it as if the last one had only brought its telemetry.
+bool Localizer::Impl::update_over_outlier(const OdometryFrame& seen, OdometryReport& report) {
+  FlightStep& step = steps.back();
+  if (!tracking.broken() || !before_last || step.contradicted_turn_rad || step.height_reset_sigma) return false;
+  const FlightStep& outlier = steps[steps.size() - 2];
+  if (outlier.anchor || outlier.height_reset_sigma || outlier.contradicted_turn_rad || outlier.hint_sigma_m)
+    return false;
+  const auto motion = odometry->track_over_last();
+  if (!motion) return false;
+  FlightFilter bridged = before_last->filter;
+  propagate_over(bridged, outlier, step);
+  const double step_m = motion->displacement_m.norm();
+  if (exceeds_reach(bridged, step_m, outlier.seconds + step.seconds, footprint_m())) return false;
+  const RelativeMotionMeasurement measurement = measured_motion(*motion, seen);
+  if (contradicts_turn(std::abs(wrap_pi(measurement.value[3])), seen.heading_sigma_rad)) return false;
+  report.inliers = motion->inliers;
+  report.step_m = step_m;
+  const Eigen::Vector2d correction_m = bridged.update_relative(measurement);
+  filter = bridged;
+  step.motion_over_outlier = measurement;
+  published.withheld_m = before_last->withheld_m + correction_m;
+  matching.corrected_m += correction_m;
+  matching.last = before_last->last_look;
+  belief.on_odometry(correction_m, filter->position_covariance_m2());
+  step.wrong_course_sigma_m = course.on_step(false, filter->sigma(FlightFilter::heading), step_m);
+  if (step.wrong_course_sigma_m) filter->inflate_position(*step.wrong_course_sigma_m);
+  return true;
 }
 
 void Localizer::Impl::on_track_broken() { published.withheld_m.setZero(); }
@@ -611,10 +664,18 @@ FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const Anchor
   placed = true;
   tracking.on_anchor(job.segment == tracking.segment());
 
-  // The frames that were tracked meanwhile, again.
+  // The frames that were tracked meanwhile, again. A frame that is anchored is no outlier.
+  before_now.reset();
+  if (job.step + 1 < steps.size()) steps[job.step + 1].motion_over_outlier.reset();
   for (std::size_t i = job.step + 1; i < steps.size(); ++i) {
-    published.withheld_m += apply_step(*filter, steps[i], true);
-    if (!steps[i].relative_motion) published.withheld_m.setZero();
+    const auto before = std::exchange(before_now, TrackBefore{*filter, published.withheld_m, matching.last});
+    if (steps[i].motion_over_outlier && before) {
+      filter = before->filter;
+      published.withheld_m = before->withheld_m + apply_step_over(*filter, steps[i - 1], steps[i], true);
+    } else {
+      published.withheld_m += apply_step(*filter, steps[i], true);
+      if (!steps[i].relative_motion) published.withheld_m.setZero();
+    }
   }
   // The last frame was processed with the heading of before: no motion from it is linear about a far one.
   if (std::abs(wrap_pi(filter->state()[FlightFilter::heading] - heading_before_rad)) >

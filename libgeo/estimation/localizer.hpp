@@ -22,6 +22,7 @@
 #include "imagery/matchability_raster.hpp"
 #include "imagery/tile_source.hpp"
 #include "vision/camera.hpp"
+#include "vision/camera_frame.hpp"
 #include "vision/ground_surface.hpp"
 #include "vision/localizer_parameters.hpp"
 #include "vision/map_matcher.hpp"
@@ -58,6 +59,7 @@ struct LocalizerConfig {
   // A package's matchability map: how often looks find their place, by ground; null: everywhere alike. Must outlive the
   // localizer.
   const MatchabilityRaster* matchability = nullptr;
+  FrameCheckerFactory frame_checker = make_frame_checker;
   OdometryFactory odometry = make_feature_odometry;
   MapMatcherFactory matcher = make_channel_matcher;
 };

@@ -26,13 +26,19 @@ bool TrackingState::expects_overlap(const FlightFilter& flight, double seconds, 
 }
 
 void TrackingState::on_frame(const FrameLink& link) {
-  if (!link.tracked && !link.first) {
+  const bool tracked = link.tracked || link.over_outlier;
+  if (link.over_outlier) {
+    unbroken_ = unbroken_before_;
+    segment_ = segment_before_;
+  } else if (!tracked && !link.first) {
+    unbroken_before_ = unbroken_;
+    segment_before_ = segment_;
     unbroken_ = false;
-    ++segment_;
+    segment_ = ++highest_segment_;
   }
-  broken_ = link.comparable && link.expected_overlap && !link.tracked;
-  linked_ = link.comparable && (link.tracked || link.first);
-  tracked_ = link.tracked;
+  broken_ = link.comparable && link.expected_overlap && !tracked;
+  linked_ = link.comparable && (tracked || link.first);
+  tracked_ = tracked;
 }
 
 bool exceeds_reach(const FlightFilter& flight, double step_m, double seconds, double footprint_m) {

@@ -2,10 +2,12 @@
 // a frame contradicts the one before it, and what a contradicted turn means for the position.
 //
 //   unbroken      odometry has tracked every frame since the last anchor or the start
-//   segment       grows each time tracking is lost
+//   segment       a new number, the highest so far, each time tracking is lost
 //   linked        the last frame was the first one, or odometry tracked it: the next one should continue it
 //   broken        this frame does not continue a linked one although they should overlap: one of the two shows another
 //                 place (a mixed-up recording, a camera that delivers an old image), and it is unknown which
+//   outlier       the next frame does not continue the broken one, but the one before it: the broken one showed another
+//                 place. It is skipped, and the track goes on, in the segment that it had
 #pragma once
 
 #include <optional>
@@ -20,6 +22,7 @@ struct FrameLink {
   bool comparable = false;        // the frame is usable and its attitude is known
   bool expected_overlap = false;  // TrackingState::expects_overlap(), before odometry
   bool tracked = false;           // odometry measured the motion between them
+  bool over_outlier = false;      // … or, the previous one being broken, since the one before it
 };
 
 class TrackingState {
@@ -36,7 +39,7 @@ class TrackingState {
   void unlink() { linked_ = false; }
 
   bool unbroken() const { return unbroken_; }
-  bool tracked() const { return tracked_; }  // by odometry, the last frame
+  bool tracked() const { return tracked_; }  // by odometry, the last frame, be it over an outlier
   bool broken() const { return broken_; }
   int segment() const { return segment_; }
 
@@ -46,6 +49,9 @@ class TrackingState {
   bool tracked_ = false;
   bool broken_ = false;
   int segment_ = 0;
+  int highest_segment_ = 0;
+  bool unbroken_before_ = false;  // before tracking was lost last
+  int segment_before_ = 0;
 };
 
 // No turn and no gust moves an aircraft so far in this time: the images overlap, but one of them was not taken there

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
+#include <utility>
 
 #include "geodesy/angles.hpp"
 #include "vision/feature_matching.hpp"
@@ -127,20 +128,27 @@ PixelPairs matched_pixels(const SiftFeatures& before, const SiftFeatures& now) {
 class FeatureOdometry final : public OdometryFrontEnd {
  public:
   std::optional<OdometryStep> track(const OdometryFrame& frame) override {
-    FrameFeatures now = features_of(frame);
-    std::optional<OdometryStep> step;
-    if (last_) {
-      if (auto measured = measure_motion(last_->frame, now.frame, matched_pixels(last_->features, now.features)))
-        step = measured->step;
-    }
-    last_ = std::move(now);
-    return step;
+    before_last_ = std::move(last_);
+    last_ = std::exchange(now_, features_of(frame));
+    return motion_since(last_);
   }
 
-  void reset() override { last_.reset(); }
+  std::optional<OdometryStep> track_over_last() override { return motion_since(before_last_); }
+
+  void reset() override {
+    now_.reset();
+    last_.reset();
+    before_last_.reset();
+  }
 
  private:
-  std::optional<FrameFeatures> last_;
+  std::optional<OdometryStep> motion_since(const std::optional<FrameFeatures>& before) const {
+    if (!before || !now_) return std::nullopt;
+    const auto measured = measure_motion(before->frame, now_->frame, matched_pixels(before->features, now_->features));
+    return measured ? std::optional(measured->step) : std::nullopt;
+  }
+
+  std::optional<FrameFeatures> now_, last_, before_last_;
 };
 
 }  // namespace

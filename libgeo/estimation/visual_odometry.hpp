@@ -51,7 +51,10 @@ class OdometryFrontEnd {
   virtual ~OdometryFrontEnd() = default;
   // The motion since the last frame given; nothing for the first frame, without overlap or when unhealthy.
   virtual std::optional<OdometryStep> track(const OdometryFrame& frame) = 0;
-  // Forgets the last frame.
+  // After track(): the motion of the same frame since the one before the last, of which the last one is no continuation
+  // (an outlier: a picture of another place). Nothing from a front end that keeps one frame only.
+  virtual std::optional<OdometryStep> track_over_last() { return std::nullopt; }
+  // Forgets all frames.
   virtual void reset() = 0;
 };
 

@@ -107,6 +107,15 @@ SqliteStatement& SqliteStatement::bind_null(int parameter) {
   return *this;
 }
 
+SqliteStatement& SqliteStatement::bind_real(int parameter, double value) {
+  if (sqlite3_bind_double(statement_.get(), parameter, value) != SQLITE_OK) database_->fail("binding a number");
+  return *this;
+}
+
+SqliteStatement& SqliteStatement::bind_real(int parameter, const std::optional<double>& value) {
+  return value ? bind_real(parameter, *value) : bind_null(parameter);
+}
+
 bool SqliteStatement::step() {
   database_->begin_step();
   const int code = sqlite3_step(statement_.get());
@@ -126,6 +135,8 @@ void SqliteStatement::reset() {
 bool SqliteStatement::is_null(int column) const { return sqlite3_column_type(statement_.get(), column) == SQLITE_NULL; }
 
 std::int64_t SqliteStatement::integer(int column) const { return sqlite3_column_int64(statement_.get(), column); }
+
+double SqliteStatement::real(int column) const { return sqlite3_column_double(statement_.get(), column); }
 
 std::string_view SqliteStatement::text(int column) const {
   const unsigned char* text = sqlite3_column_text(statement_.get(), column);

@@ -43,6 +43,8 @@ class SqliteStatement {
   SqliteStatement& bind(int parameter, std::string_view text);
   SqliteStatement& bind(int parameter, ByteView blob);  // must outlive the step
   SqliteStatement& bind_null(int parameter);
+  SqliteStatement& bind_real(int parameter, double value);  // NaN is stored as NULL
+  SqliteStatement& bind_real(int parameter, const std::optional<double>& value);
 
   bool step();  // true: a row is there. Throws Error when the file is damaged.
   void reset();
@@ -53,6 +55,7 @@ class SqliteStatement {
 
   bool is_null(int column) const;
   std::int64_t integer(int column) const;
+  double real(int column) const;
   std::string_view text(int column) const;
   ByteView blob(int column) const;
 

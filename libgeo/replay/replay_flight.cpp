@@ -4,7 +4,10 @@
 #include <memory>
 #include <utility>
 
+#include "base/error.hpp"
 #include "estimation/localizer.hpp"
+#include "flights/flight_engine.hpp"
+#include "recorder/record_codec.hpp"
 #include "replay/flight_folder.hpp"
 #include "replay/score.hpp"
 #include "vision/camera_frame.hpp"
@@ -22,9 +25,8 @@ std::optional<double> error_of(const Estimate& estimate, const std::optional<Lon
 // arrive between them again.
 class RecordedOrder {
  public:
-  // recorded: null for a flight without recording: each frame is then localized before the next. Both must outlive
-  // this.
-  RecordedOrder(Localizer& localizer, const RecordedFlight* recorded) : localizer_(localizer), recorded_(recorded) {}
+  // Both must outlive this.
+  RecordedOrder(Localizer& localizer, const RecordedFlight& recorded) : localizer_(localizer), recorded_(recorded) {}
 
   // The next frame, and all events before the one after it. Every estimate is added to `estimates`; the report has the
   // last. Throws UsageError for a recorded hint that is not a valid position.
@@ -36,9 +38,9 @@ class RecordedOrder {
   void finish(const LateAnchor& anchor, FrameReport& report, std::vector<EstimateRecord>& estimates);
 
   Localizer& localizer_;
-  const RecordedFlight* recorded_;
+  const RecordedFlight& recorded_;
   std::uint64_t index_ = 0;  // of the current frame
-  std::size_t next_ = 0;     // of recorded_->between
+  std::size_t next_ = 0;     // of recorded_.between
   std::unique_ptr<AnchorJob> job_;
   std::uint64_t job_index_ = 0;
 };
@@ -52,7 +54,7 @@ FrameReport RecordedOrder::frame(const cv::Mat& image, const Telemetry& telemetr
                                  std::vector<EstimateRecord>& estimates) {
   FrameReport report;
   if (index_ == 0) replay_events_until(0, report, estimates);
-  if (recorded_ == nullptr || !recorded_->session.looked_up_later) {
+  if (!recorded_.session.looked_up_later) {
     report = localizer_.process(image, telemetry);
     add(report, estimates);
   } else {
@@ -75,8 +77,7 @@ void RecordedOrder::add(const FrameReport& report, std::vector<EstimateRecord>& 
 
 void RecordedOrder::replay_events_until(std::uint64_t before, FrameReport& report,
                                         std::vector<EstimateRecord>& estimates) {
-  if (recorded_ == nullptr) return;
-  const auto& between = recorded_->between;
+  const auto& between = recorded_.between;
   for (; next_ < between.size() && frame_after(between[next_]) <= before; ++next_) {
     if (const auto* hint = std::get_if<HintRecord>(&between[next_])) {
       localizer_.hint(hint->place, hint->radius_m);
@@ -119,37 +120,132 @@ int picture_shrink(const Flight& flight, const ReplaySetup& setup) {
   return decode_reduction(flight.camera.camera.width, flight.camera.camera.height);
 }
 
-ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, const Truth& truth, EstimatesCsv* csv,
-                             Progress& progress) {
-  const int shrink = picture_shrink(flight, setup);
+namespace {
+
+CameraFile shrunk_camera(const Flight& flight, int shrink) {
   CameraFile camera = flight.camera;
   camera.camera = camera.camera.scaled(1.0 / shrink);
-  Localizer localizer(camera, setup.frame, setup.tiles, setup.start, localizer_config(setup));
-  RecordedOrder order(localizer, setup.recorded);
-  ReplayedFlight result;
-  WorstFrames worst(kReportedFrames);
-  progress.begin("replay", flight.frames.size(), "frames");
-  for (std::size_t i = 0; i < flight.frames.size(); ++i) {
-    if (setup.recording != nullptr) setup.recording->before(i, flight.frames[i], flight.image_path(i));
-    const auto before = std::chrono::steady_clock::now();
-    const cv::Mat image = read_flight_image(flight.image_path(i), camera.camera, shrink);
-    FrameReport report = order.frame(image, flight.frames[i], result.published);
-    const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - before;
-    report.estimate.latency_ms = spent.count();  // including decoding
-    if (csv != nullptr) csv->write(report.estimate);
-    if (setup.recording != nullptr) setup.recording->after(i, report);
+  return camera;
+}
 
-    worst.offer(i, report_cost(report, error_of(report.estimate, truth[i], setup.frame)), report.anchor);
+// What comes of each frame, however it was flown.
+class ReplayCollector {
+ public:
+  ReplayCollector(const Flight& flight, const ReplaySetup& setup, const Truth& truth, EstimatesCsv* csv,
+                  Progress& progress)
+      : flight_(flight), setup_(setup), truth_(truth), csv_(csv), progress_(progress) {}
+
+  void add(std::size_t frame, FrameReport report) {
+    if (csv_ != nullptr) csv_->write(report.estimate);
+    if (setup_.recording != nullptr) setup_.recording->after(frame, report);
+    worst_.offer(frame, report_cost(report, error_of(report.estimate, truth_[frame], setup_.frame)), report.anchor);
     report.anchor.rectified.release();
     report.anchor.matched_map.release();
     result.frames.push_back(std::move(report));
-    progress.advance(1);
+    progress_.advance(1);
+  }
+
+  void before(std::size_t frame) {
+    if (setup_.recording == nullptr) return;
+    setup_.recording->before(frame, flight_.frames[frame], flight_.image_path(frame));
+  }
+
+  ReplayedFlight take() {
+    result.worst = worst_.worst_first();
+    return std::move(result);
+  }
+
+  ReplayedFlight result;
+
+ private:
+  const Flight& flight_;
+  const ReplaySetup& setup_;
+  const Truth& truth_;
+  EstimatesCsv* csv_;
+  Progress& progress_;
+  WorstFrames worst_{kReportedFrames};
+};
+
+void check_same_pictures(const Flight& flight, const FlightStore& store) {
+  bool same = store.accepted() == flight.frames.size();
+  for (std::size_t i = 0; same && i < flight.frames.size(); ++i) {
+    const auto bytes = [i](const Telemetry& telemetry) { return encode(Record(InputRecord{i, telemetry, {}, 0})); };
+    same = bytes(store.picture(i).telemetry) == bytes(flight.frames[i]);
+  }
+  if (same) return;
+  throw UsageError({.what = "the interrupted replay is of another flight",
+                    .expected = "the same frames and telemetry",
+                    .found = "other frames, or other rows",
+                    .fix = "resume with the same inputs, or replay from the start without --resume"});
+}
+
+// A folder of frames.
+void fly_folder(const Flight& flight, const ReplaySetup& setup, FlightStore& store, ReplayCollector& collector) {
+  if (store.accepted() == 0) {
+    store.refer(flight.frames_folder, flight.frames, flight.files, system_clock_millis());
+  } else {
+    check_same_pictures(flight, store);
+  }
+  FlightEngine engine(store,
+                      {.camera = flight.camera,
+                       .shrink = picture_shrink(flight, setup),
+                       .frame = setup.frame,
+                       .tiles = setup.tiles,
+                       .start = setup.start,
+                       .localizer = localizer_config(setup)},
+                      {.clock = system_clock_millis, .keep_looks = setup.store != nullptr});
+  engine.process({}, [&](std::size_t frame, FrameReport& report, bool restored) {
+    collector.before(frame);
+    EstimateRecord published{frame, report.estimate, report.odometry, report.state};
+    published.estimate.latency_ms = 0;
+    collector.result.published.push_back(std::move(published));
+    collector.result.restored += restored ? 1U : 0U;
+    collector.add(frame, std::move(report));
+  });
+  collector.result.refined = engine.refined();
+  collector.result.poses = engine.refined_poses();
+}
+
+void fly_recording(const Flight& flight, const ReplaySetup& setup, ReplayCollector& collector) {
+  const int shrink = picture_shrink(flight, setup);
+  const CameraFile camera = shrunk_camera(flight, shrink);
+  Localizer localizer(camera, setup.frame, setup.tiles, setup.start, localizer_config(setup));
+  RecordedOrder order(localizer, *setup.recorded);
+  for (std::size_t i = 0; i < flight.frames.size(); ++i) {
+    collector.before(i);
+    const auto before = std::chrono::steady_clock::now();
+    const cv::Mat image = read_flight_image(flight.image_path(i), camera.camera, shrink);
+    FrameReport report = order.frame(image, flight.frames[i], collector.result.published);
+    const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - before;
+    report.estimate.latency_ms = spent.count();  // including decoding
+    collector.add(i, std::move(report));
+  }
+  collector.result.refined = localizer.refined();
+  collector.result.poses = localizer.refined_poses();
+}
+
+}  // namespace
+
+FlightDescription flight_description(const Flight& flight, SessionRecord session) {
+  return {.name = flight.frames_folder.string(), .package = session.mission, .camera_text = {}, .session = session};
+}
+
+ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, const Truth& truth, EstimatesCsv* csv,
+                             Progress& progress) {
+  ReplayCollector collector(flight, setup, truth, csv, progress);
+  progress.begin("replay", flight.frames.size(), "frames");
+  if (setup.recorded != nullptr) {
+    fly_recording(flight, setup, collector);
+  } else if (setup.store != nullptr) {
+    fly_folder(flight, setup, *setup.store, collector);
+  } else {
+    SessionRecord session;
+    session.camera = flight.camera;
+    const auto store = FlightStore::in_memory(flight_description(flight, std::move(session)), system_clock_millis());
+    fly_folder(flight, setup, *store, collector);
   }
   progress.end();
-  result.refined = localizer.refined();
-  result.poses = localizer.refined_poses();
-  result.worst = worst.worst_first();
-  return result;
+  return collector.take();
 }
 
 }  // namespace nadir

@@ -1,4 +1,8 @@
 // Runs a recorded flight through the localizer, frame by frame, and writes each estimate as soon as it is made.
+//
+// A folder of frames is flown by the FlightEngine over a store (flights/flight_store.hpp), from which an interrupted
+// replay goes on. A recording is flown in the order of events in the air, hints and late anchors between the same
+// frames as then, and from its beginning.
 #pragma once
 
 #include <optional>
@@ -7,6 +11,7 @@
 #include "base/progress.hpp"
 #include "estimation/estimate.hpp"
 #include "estimation/visual_odometry.hpp"
+#include "flights/flight_store.hpp"
 #include "geodesy/local_frame.hpp"
 #include "geodesy/region.hpp"
 #include "imagery/tile_source.hpp"
@@ -26,6 +31,7 @@ struct ReplayedFlight {
   std::vector<Estimate> refined;
   std::vector<std::optional<FramePose>> poses;  // Localizer::refined_poses()
   std::vector<FrameImages> worst;
+  std::size_t restored = 0;  // frames that an interrupted replay had processed
 };
 
 // What the localizer starts from.
@@ -40,6 +46,7 @@ struct ReplaySetup {
   const MatchabilityRaster* matchability = nullptr;
   OdometryFactory odometry = make_feature_odometry;
   MapMatcherFactory matcher = make_channel_matcher;
+  FlightStore* store = nullptr;              // where the flight is kept while it is flown; null: in memory
   ReplayRecording* recording = nullptr;      // where it is recorded, if anywhere
   const RecordedFlight* recorded = nullptr;  // flown as it was then: its configuration, its late anchors
 };
@@ -48,8 +55,11 @@ struct ReplaySetup {
 LocalizerConfig localizer_config(const ReplaySetup& setup);
 int picture_shrink(const Flight& flight, const ReplaySetup& setup);
 
-// The truth only selects the frames whose images are kept for the report. csv: where estimates are written as they are
-// computed, or null.
+// What a store keeps of the flight, to be created or compared with. session: of the flight, its identifier included.
+FlightDescription flight_description(const Flight& flight, SessionRecord session);
+
+// Throws UsageError when setup.store holds another flight. The truth only selects the frames whose images are kept for
+// the report. csv: where estimates are written as they are computed, or null.
 ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, const Truth& truth, EstimatesCsv* csv,
                              Progress& progress);
 

@@ -87,4 +87,23 @@ bool FrozenFrameDetector::repeats(const cv::Mat& frame) {
   return same;
 }
 
+namespace {
+
+class ImageFrameChecker final : public FrameChecker {
+ public:
+  FrameCheck check(const cv::Mat& grey) override {
+    FrameCheck found;
+    found.sharp = measure_frame_quality(grey).usable;
+    found.repeated = found.sharp && frozen_.repeats(grey);
+    return found;
+  }
+
+ private:
+  FrozenFrameDetector frozen_;
+};
+
+}  // namespace
+
+std::unique_ptr<FrameChecker> make_frame_checker() { return std::make_unique<ImageFrameChecker>(); }
+
 }  // namespace nadir

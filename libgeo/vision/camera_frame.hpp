@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <memory>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 
@@ -48,5 +50,26 @@ class FrozenFrameDetector {
  private:
   std::optional<std::uint64_t> last_;
 };
+
+// All that decides whether a frame is localized at all, before odometry and matching look at it.
+struct FrameCheck {
+  bool sharp = false;     // FrameQuality::usable
+  bool repeated = false;  // sharp, but the same image as the last sharp one
+
+  bool usable() const { return sharp && !repeated; }
+};
+
+// Checks the frames of one flight, in order. Behind an interface, as odometry and matcher are, so that a flight can be
+// estimated again from what was found in its frames, without them (flights/recorded_vision.hpp).
+class FrameChecker {
+ public:
+  virtual ~FrameChecker() = default;
+  virtual FrameCheck check(const cv::Mat& grey) = 0;
+};
+
+using FrameCheckerFactory = std::function<std::unique_ptr<FrameChecker>()>;
+
+// measure_frame_quality() and, of a sharp frame, a FrozenFrameDetector.
+std::unique_ptr<FrameChecker> make_frame_checker();
 
 }  // namespace nadir

@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
-"""Ctrl-C ends a command with exit code 130 and leaves no output; rows of a replay can be followed while it runs."""
+"""Ctrl-C ends a command with exit code 130 and leaves no output; rows of a replay can be followed while it runs, and one that
+was killed can be resumed."""
+import csv
 import os
 import signal
 import subprocess
 import time
 
-from support import NADIR, EndToEnd, main
+from support import AT, NADIR, EndToEnd, main
 
 
 class Interrupt(EndToEnd):
@@ -46,6 +48,101 @@ class Interrupt(EndToEnd):
         process.kill()
         process.communicate()
         self.assertFalse(self.out.exists())
+
+
+class Resume(EndToEnd):
+    """A replay of 24 frames, some damaged, with a package; killed or interrupted after some rows, then resumed."""
+
+    def setUp(self):
+        super().setUp()
+        self.keys()
+        self.package = self.build()
+        flight = self.flight(frames=24)
+        damaged = flight / "frames" / "9.jpg"
+        damaged.write_bytes(damaged.read_bytes()[:1500])
+        self.flight_folder = flight
+
+    def command(self, out, *more):
+        return [str(part) for part in (NADIR, *self.replay_args(self.flight_folder, out), "--package", self.package, "--trust",
+                                       self.folder / "root.json", "--at", AT, *more)]
+
+    def stop_after(self, out, rows, how, *more):
+        process = subprocess.Popen(self.command(out, *more), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        file = out.parent / f".{out.name}.staging" / "estimates.csv"
+        while process.poll() is None:
+            if file.exists() and file.read_text().count("\n") > rows:
+                process.send_signal(how)
+                break
+            time.sleep(0.001)
+        process.communicate()
+        return process.returncode
+
+    def resumed(self, out, *more):
+        return subprocess.run(self.command(out, "--resume", *more), capture_output=True, text=True)
+
+    def results(self, out):
+        """All files whose bytes are the flight's: latencies are not."""
+        rows = [row[:10] + row[11:] for row in csv.reader((out / "estimates.csv").read_text().splitlines())]
+        return rows, (out / "refined.csv").read_text(), (out / "poses.json").read_text(), (out / "track.geojson").read_text()
+
+    def test_a_killed_replay_goes_on_with_the_same_results(self):
+        whole = self.folder / "whole"
+        subprocess.run(self.command(whole), check=True, capture_output=True)
+        out = self.folder / "out"
+        self.assertEqual(-signal.SIGKILL, self.stop_after(out, 2, signal.SIGKILL))
+        for rows in (6, 10, 17):
+            self.assertEqual(-signal.SIGKILL, self.stop_after(out, rows, signal.SIGKILL, "--resume"))
+        staged = (self.folder / ".out.staging" / "estimates.csv").read_text().splitlines()
+        result = self.resumed(out)
+        self.assertEqual((0, ""), (result.returncode, result.stderr.replace(self.continued(result), "")), result.stderr)
+        self.assertEqual(self.results(whole), self.results(out))
+        complete = (out / "estimates.csv").read_text().splitlines()
+        self.assertEqual(staged[:15], complete[:15], "latencies of the frames that were not processed again included")
+        self.assertEqual({p.name for p in whole.iterdir()}, {p.name for p in out.iterdir()})
+        self.assertFalse((self.folder / ".out.staging").exists())
+
+    def continued(self, result):
+        lines = [line for line in result.stderr.splitlines(keepends=True) if line.startswith("note: continued after ")]
+        self.assertEqual(1, len(lines), result.stderr)
+        self.assertGreaterEqual(int(lines[0].split()[3]), 16)
+        return lines[0]
+
+    def test_ctrl_c_keeps_what_was_begun_with_resume(self):
+        out = self.folder / "out"
+        self.assertEqual(130, self.stop_after(out, 4, signal.SIGINT, "--resume"))
+        self.assertTrue((self.folder / ".out.staging" / "flight").is_dir())
+        self.assertEqual(0, self.resumed(out).returncode)
+        self.assertTrue(out.exists())
+
+    def test_other_inputs_are_refused_and_nothing_is_lost(self):
+        out = self.folder / "out"
+        self.stop_after(out, 4, signal.SIGKILL)
+        telemetry = self.flight_folder / "telemetry.csv"
+        original = telemetry.read_text()
+        for change, says in ((["--start", "8.4991,47.4"], "other inputs or options"), (["--integrity-risk", "0.01"], "other inputs or options")):
+            args = self.command(out, "--resume", *change)
+            if change[0] == "--start":
+                at = args.index("--start")
+                del args[at:at + 2]
+            result = subprocess.run(args, capture_output=True, text=True)
+            self.assertEqual(2, result.returncode)
+            self.assertIn(says, result.stderr)
+        telemetry.write_text(original.replace(",100,", ",101,", 1))
+        result = self.resumed(out)
+        self.assertEqual(2, result.returncode, result.stderr)
+        self.assertIn("--resume", result.stderr)
+        telemetry.write_text(original)
+        self.assertEqual(0, self.resumed(out).returncode)
+
+    def test_without_resume_it_starts_again_and_says_so(self):
+        out = self.folder / "out"
+        self.stop_after(out, 2, signal.SIGKILL)
+        result = subprocess.run(self.command(out), capture_output=True, text=True)
+        self.assertEqual(0, result.returncode)
+        self.assertIn("--resume would have continued it", result.stderr)
+        other = subprocess.run(self.command(self.folder / "other", "--resume"), capture_output=True, text=True)
+        self.assertEqual(0, other.returncode)
+        self.assertIn("nothing to resume", other.stderr)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <utility>
+
 #include "base/random.hpp"
 
 namespace nadir {
@@ -84,6 +86,44 @@ TEST(FlightSmoother, AloneInAGapNothingContradictsIt) {
   }
   flight.steps[2].anchor = Flight::anchor({900, 300});
   EXPECT_TRUE(smooth_flight(flight.fresh, flight.steps).rejected_anchors.empty());
+}
+
+// Odometry of one step, exact to 10 cm.
+RelativeMotionMeasurement motion(double east_m) {
+  RelativeMotionMeasurement measurement;
+  measurement.value.setZero();
+  measurement.value[0] = east_m;
+  measurement.covariance = Eigen::Matrix<double, 8, 8>::Identity() * 1e-2;
+  measurement.before.heading_rad = measurement.now.heading_rad = 1.5708;
+  return measurement;
+}
+
+// A frame that is skipped leaves nothing but its telemetry: the flight is the one without it, bit for bit.
+TEST(FlightSmoother, AnOutlierIsAsIfThereHadBeenNoFrame) {
+  Flight with(12);
+  for (std::size_t i = 1; i < with.steps.size(); ++i) with.steps[i].relative_motion = motion(20);
+  constexpr std::size_t kOutlier = 5;
+  with.steps[kOutlier].relative_motion.reset();
+  with.steps[kOutlier].measured_heading_rad = 1.6;
+  with.steps[kOutlier].anchor.reset();
+  with.steps[kOutlier + 1].relative_motion.reset();
+  with.steps[kOutlier + 1].motion_over_outlier = motion(40);
+  std::vector<FlightStep> without = with.steps;
+  without[kOutlier + 1].seconds += without[kOutlier].seconds;
+  without[kOutlier + 1].intervals = {{without[kOutlier].seconds, without[kOutlier].measured_heading_rad, std::nullopt}};
+  without[kOutlier + 1].relative_motion = std::exchange(without[kOutlier + 1].motion_over_outlier, std::nullopt);
+  without.erase(without.begin() + kOutlier);
+
+  const auto found = smooth_flight(with.fresh, with.steps).frames, expected = smooth_flight(with.fresh, without).frames;
+  ASSERT_EQ(found.size(), with.steps.size());
+  ASSERT_EQ(expected.size(), with.steps.size() - 1);
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    const auto& frame = found[i < kOutlier ? i : i + 1];
+    EXPECT_EQ(frame.state, expected[i].state) << i;
+    EXPECT_EQ(frame.covariance_m2, expected[i].covariance_m2) << i;
+  }
+  EXPECT_NEAR(found[kOutlier].position.east_m, 100, 15) << "dead-reckoned";
+  EXPECT_LT(with.worst_m(smooth_flight(with.fresh, with.steps)), 15);
 }
 
 TEST(FlightSmoother, AcceptsAnEmptyFlight) {

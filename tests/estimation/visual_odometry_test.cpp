@@ -160,5 +160,26 @@ TEST_P(Odometry, ForgetsWhenReset) {
   EXPECT_FALSE(odometry->track(frame_at(pose)));
 }
 
+// A picture of another place between two that overlap.
+TEST(FeatureOdometry, ComparesAFrameWithTheOneBeforeAnOutlier) {
+  const CameraPose first{{0, 0}, 100, {}}, outlier{{150, 150}, 100, {}}, second{{22, 13}, 100, {}};
+  const auto direct = make_feature_odometry(), over = make_feature_odometry();
+  direct->track(frame_at(first));
+  const auto expected = direct->track(frame_at(second));
+  ASSERT_TRUE(expected);
+  EXPECT_FALSE(over->track(frame_at(first)));
+  EXPECT_FALSE(over->track_over_last()) << "there is no frame before the last";
+  EXPECT_FALSE(over->track(frame_at(outlier)));
+  EXPECT_FALSE(over->track_over_last());
+  EXPECT_FALSE(over->track(frame_at(second)));
+  const auto step = over->track_over_last();
+  ASSERT_TRUE(step);
+  EXPECT_EQ(step->displacement_m, expected->displacement_m) << "bit for bit";
+  EXPECT_EQ(step->measurement.covariance, expected->measurement.covariance);
+  over->reset();
+  EXPECT_FALSE(over->track(frame_at(second)));
+  EXPECT_FALSE(over->track_over_last());
+}
+
 }  // namespace
 }  // namespace nadir

@@ -24,7 +24,8 @@ ALLOWED = {
     "estimation": "base geodesy imagery package vision",
     "ortho": "base geodesy imagery trust vision estimation",
     "recorder": "base geodesy imagery vision estimation",
-    "replay": "base geodesy imagery trust package vision estimation ortho recorder fixes cli report",
+    "flights": "base geodesy imagery vision estimation recorder",
+    "replay": "base geodesy imagery trust package vision estimation ortho recorder flights fixes cli report",
     # to other machines and to people
     "mavlink": "base geodesy",
     "fixes": "geodesy estimation recorder mavlink",
@@ -48,7 +49,7 @@ ALLOWED = {
     "flight": "base geodesy imagery trust package vision estimation ortho recorder mavlink fixes cli api camera service",
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
-    "commands": "base geodesy imagery trust package vision estimation ortho recorder replay mavlink upload raster package_build catalogue "
+    "commands": "base geodesy imagery trust package vision estimation ortho recorder flights replay mavlink upload raster package_build catalogue "
                 "simulation provision cli report verify_request nadird_client",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",

@@ -18,6 +18,8 @@
 #include "cli/output.hpp"
 #include "commands/commands.hpp"
 #include "commands/recorder/flight_tables.hpp"
+#include "flights/flight_engine.hpp"
+#include "flights/flight_store.hpp"
 #include "replay/flight_request.hpp"
 #include "replay/replay_flight.hpp"
 #include "replay/replayed_fixes.hpp"
@@ -118,6 +120,26 @@ void write_refined(const std::filesystem::path& path, const std::vector<Estimate
   for (const Estimate& estimate : refined) csv.write(estimate);
 }
 
+void remark(Context& context, std::string_view text) {
+  if (!context.quiet) context.err << "note: " << text << '\n';
+}
+
+// Not synced at each frame: what a loss of power costs is processed again.
+std::unique_ptr<FlightStore> flight_store(const std::filesystem::path& folder, const FlightDescription& flight,
+                                          const std::filesystem::path& frames, bool resume) {
+  const FlightStoreOptions options{.sync = StoreSync::checkpoints, .limits = {}, .outside = frames, .hook = {}};
+  if (!resume) {
+    std::filesystem::remove_all(folder);
+    return FlightStore::create(folder, flight, system_clock_millis(), options);
+  }
+  auto store = FlightStore::open(folder, options);
+  if (same_flight(store->description(), flight)) return store;
+  throw UsageError({.what = "the interrupted replay had other inputs or options",
+                    .where = folder.string(),
+                    .expected = "the same camera, package, start, integrity risk and version of nadir",
+                    .fix = "resume with the same inputs and options, or replay from the start without --resume"});
+}
+
 class ReplayCommand final : public Command {
  public:
   std::string_view group() const override { return {}; }
@@ -136,6 +158,7 @@ class ReplayCommand final : public Command {
   std::filesystem::path out_;
   std::optional<std::filesystem::path> record_;
   bool keep_frames_ = false;
+  bool resume_ = false;
   std::optional<double> integrity_risk_, alert_limit_m_;
 };
 
@@ -146,7 +169,9 @@ for scoring; the localizer never sees it.
 
 OUT receives estimates.csv, refined.csv, summary.json, track.geojson and report.html, and with a
 package poses.json, from which nadir ortho --estimates makes tiles. All appear when the replay is
-complete; until then the rows can be followed in the hidden folder .OUT.staging beside it.
+complete; until then the rows can be followed in the hidden folder .OUT.staging beside it. A replay
+that was killed continues there with --resume and gives the same estimates; one that was begun with
+--resume continues after Ctrl-C and after an error as well.
 
 With --record the replay is recorded as the aircraft records a flight. With --recorder a recorded
 flight is replayed with its recorded inputs and settings, and every estimate is compared; so is every
@@ -168,6 +193,8 @@ void ReplayCommand::setup(Options& options) {
   options.value("--truth", truth_, "FILE.csv", "ground truth positions, for scoring only");
   options.value("--record", record_, "DIR", "folder to create: the replay as the flight recorder records it");
   options.flag("--keep-frames", keep_frames_, "record the frames' images as well").needs("--record");
+  options.flag("--resume", resume_,
+               "continue a replay that was killed or interrupted, with the same inputs and options");
   options
       .value("--integrity-risk", integrity_risk_, "RISK",
              "per look, of being outside the protection level; the mission's by default, else 1e-5")
@@ -186,7 +213,19 @@ int ReplayCommand::run(Context& context) {
                       .where = "--integrity-risk",
                       .fix = "leave it out: every estimate is compared with the recorded one"});
   }
-  StagingDirectory staging(out_);
+  if (resume_ && request_.recorder()) {
+    throw UsageError({.what = "nadir replay --recorder cannot be resumed",
+                      .where = "--resume",
+                      .fix = "leave it out: a recording is replayed from its beginning"});
+  }
+  StagingDirectory staging(out_, resume_ ? StagingDirectory::Leftovers::keep : StagingDirectory::Leftovers::discard);
+  staging.keep(resume_ && staging.found_leftovers());
+  const std::filesystem::path stored = staging.path() / "flight";
+  const bool resumable = resume_ && FlightStore::exists(stored);
+  if (resume_ && !resumable) remark(context, "nothing to resume: replaying from the start");
+  if (!resume_ && staging.found_leftovers()) {
+    remark(context, "discarded the files of an interrupted replay; --resume would have continued it");
+  }
   const std::filesystem::path unpacked = staging.path() / "unpacked";
   std::filesystem::create_directory(unpacked);
   const auto ready = request_.open(context, unpacked);
@@ -201,36 +240,43 @@ int ReplayCommand::run(Context& context) {
   const LocalFrame& frame = setup.frame;
   const Truth truth = truth_ ? read_truth(*truth_, flight.frames) : Truth(flight.frames.size());
 
+  const SessionRecord session{
+      .id = id_of(flight),
+      .program = "nadir replay",
+      .version = kVersion,
+      .airframe = request_.airframe().value_or(""),
+      .package = package != nullptr ? std::optional(sha256_file(*request_.package() / "manifest.json")) : std::nullopt,
+      .mission = package != nullptr ? package->manifest().mission_id : "",
+      .camera = flight.camera,
+      .origin = frame.origin(),
+      .start = request_.start(),
+      .picture_shrink = picture_shrink(flight, setup),
+      .localizer = localizer_config(setup),
+      .terrain = setup.surface != nullptr,
+      .places = setup.places != nullptr,
+      .matchability = setup.matchability != nullptr,
+      .settings = {{"odometry", request_.odometry()}, {"matcher", request_.matcher()}}};
   std::optional<StagingDirectory> record_folder;
   std::optional<ReplayRecording> recording;
   if (record_) {
     record_folder.emplace(*record_);
-    SessionRecord session{.id = id_of(flight),
-                          .program = "nadir replay",
-                          .version = kVersion,
-                          .airframe = request_.airframe().value_or(""),
-                          .package = package != nullptr
-                                         ? std::optional(sha256_file(*request_.package() / "manifest.json"))
-                                         : std::nullopt,
-                          .mission = package != nullptr ? package->manifest().mission_id : "",
-                          .camera = flight.camera,
-                          .origin = frame.origin(),
-                          .start = request_.start(),
-                          .picture_shrink = picture_shrink(flight, setup),
-                          .localizer = localizer_config(setup),
-                          .terrain = setup.surface != nullptr,
-                          .places = setup.places != nullptr,
-                          .settings = {{"odometry", request_.odometry()}, {"matcher", request_.matcher()}}};
-    recording.emplace(record_folder->path(), std::move(session), keep_frames_);
+    recording.emplace(record_folder->path(), session, keep_frames_);
     setup.recording = &*recording;
   }
 
+  std::unique_ptr<FlightStore> store;
+  if (!recorded) store = flight_store(stored, flight_description(flight, session), flight.frames_folder, resumable);
+  setup.store = store.get();
+  staging.keep(resume_);
   EstimatesCsv csv(staging.path() / "estimates.csv");
   ReplayedFlight flown = replay_flight(flight, setup, truth, &csv, context.progress);
   if (recording) {
     recording->close();
     record_folder->commit();
   }
+  if (flown.restored != 0) remark(context, fmt::format("continued after {}", count(flown.restored, "frame")));
+  store.reset();
+  std::filesystem::remove_all(stored);
   std::filesystem::remove_all(unpacked);
   write_refined(staging.path() / "refined.csv", flown.refined);
   if (package != nullptr) {

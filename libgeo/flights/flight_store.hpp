@@ -1,0 +1,227 @@
+// A flight on disk: a folder with flight.sqlite and pictures/ (docs/flights.md, docs/formats/flight.md).
+//
+//   flight        what it is localized with: camera, package or none, start or none, configuration
+//   pictures      every picture that was offered: accepted (it has a frame number), processed, or refused and why
+//   measurements  what vision found in a frame (recorded_vision.hpp)
+//   estimates     where each frame was: online as it was processed, refined with the whole flight, adjusted
+//   segments      stretches over which odometry did not break (segment_tracker.hpp)
+//   fixes         where a person said that a frame was taken
+//   events        all that happened, in order, each with a number: whoever lost the connection asks for those after the
+//                 last number that he has
+//
+// What has been accepted survives a kill at any moment, and with StoreSync::every_commit a loss of power: pictures are
+// synced before they get their names, and one transaction makes a batch, or a frame, part of the flight. A picture file
+// that no transaction mentions was on its way when the process died; opening removes it.
+//
+// One process at a time: a lock keeps others out. All functions are safe from several threads; a batch that is being
+// stored does not delay the frame that is being processed.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/bytes.hpp"
+#include "base/input_file.hpp"
+#include "base/time.hpp"
+#include "estimation/estimate.hpp"
+#include "estimation/telemetry.hpp"
+#include "flights/picture_check.hpp"
+#include "flights/segment_tracker.hpp"
+#include "geodesy/lon_lat.hpp"
+#include "recorder/records.hpp"
+
+namespace nadir {
+
+inline constexpr std::string_view kFlightFile = "flight.sqlite";
+inline constexpr std::string_view kPicturesFolder = "pictures";
+inline constexpr std::int64_t kFlightStoreVersion = 1;
+
+// What a flight is localized with. It never changes.
+struct FlightDescription {
+  std::string name;
+  std::string package;      // where its map lies, as its owner calls it; empty: odometry alone
+  std::string camera_text;  // camera.yaml as it was given; empty: only the values in `session` are known
+  SessionRecord session;    // every bit that the localizer starts from
+};
+
+// Whether both give the same localizer.
+bool same_flight(const FlightDescription& one, const FlightDescription& other);
+
+enum class StoreSync {
+  every_commit,  // survives a loss of power
+  checkpoints    // survives a kill; a loss of power may cost the last frames, which are then processed again
+};
+
+// Called in a transaction just before it is committed and just after: where tests kill the process.
+using FlightCommitHook = std::function<void(std::string_view transaction, bool committed)>;
+
+struct FlightStoreOptions {
+  StoreSync sync = StoreSync::every_commit;
+  PictureLimits limits;
+  // Where the pictures lie of a flight that refers to a folder (FlightStore::refer()). A flight from somebody else must
+  // not choose which files are read here: what its database says is not used.
+  std::optional<std::filesystem::path> outside;
+  FlightCommitHook hook;
+};
+
+// A picture that is offered: its bytes, or a file of a folder. The names of files never become paths.
+struct PictureOffer {
+  std::string name;
+  Telemetry telemetry;  // its time and what was measured then; the frame's name becomes `name`
+  ByteView bytes;
+  const Directory* folder = nullptr;  // then the file of that name in it, which must not be a link
+};
+
+struct PictureAnswer {
+  enum class Outcome {
+    accepted,
+    known,  // the same picture under the same name was accepted before: an upload that was repeated
+    refused
+  };
+
+  std::string name;
+  Outcome outcome = Outcome::accepted;
+  std::optional<std::size_t> frame;       // of accepted and known ones
+  std::optional<PictureRefusal> refusal;  // of refused ones
+};
+
+std::string_view name_of(PictureAnswer::Outcome outcome);
+
+enum class PictureState { accepted, processed, refused };
+std::string_view name_of(PictureState state);
+
+struct PictureRow {
+  std::optional<std::size_t> frame;  // from 0 without gaps; nothing: refused
+  std::string name;
+  PictureState state = PictureState::accepted;
+  std::string reason;            // of a refused one: "PROBLEM: text"
+  std::optional<Sha256> sha256;  // of pictures that the store keeps
+  std::uint64_t bytes = 0;
+  int width = 0, height = 0;
+  Telemetry telemetry;
+};
+
+// Where a person says that the aircraft was at the next frame.
+struct UserFix {
+  std::int64_t id = 0;
+  std::size_t before_frame = 0;  // applied before this frame is processed
+  LonLat place;
+  double radius_m = 0;
+  std::string by;
+  UtcMillis time;
+};
+
+struct EventRow {
+  std::int64_t id = 0;  // grows, from 1
+  UtcMillis time;
+  StoredFlightEvent event;
+};
+
+// A frame to be processed. Until put_frame() or abandon_frame() no other is begun.
+struct BegunFrame {
+  std::size_t frame = 0;
+  Telemetry telemetry;
+  std::vector<UserFix> fixes;
+};
+
+// The results of a frame. Images of the look are JPEG, empty where they are not kept.
+struct ProcessedFrame {
+  std::size_t frame = 0;
+  Bytes answers;          // encode_answers()
+  EstimateRecord online;  // with its latency
+  AnchorReport anchor;
+  Bytes seen, map;
+  std::optional<std::uint64_t> picture_bytes;  // of a picture outside: so many had been read
+  std::vector<FlightSegment> segments;         // that began or changed
+  std::vector<StoredFlightEvent> events;
+};
+
+struct StoredFrame {
+  EstimateRecord online;
+  Bytes answers, seen, map;
+};
+
+enum class EstimateKind {
+  online,   // as it was known when the frame was processed
+  refined,  // by smoothing over the whole flight
+  adjusted  // by block adjustment
+};
+std::string_view name_of(EstimateKind kind);
+
+class FlightStore {
+ public:
+  // A new flight. The folder is created; what an earlier create() that was killed left in it is replaced. Throws
+  // UsageError when it holds a flight, Error, OutOfSpace.
+  static std::unique_ptr<FlightStore> create(const std::filesystem::path& folder, const FlightDescription& description,
+                                             UtcMillis now, const FlightStoreOptions& options = {});
+  // Throws UsageError when there is no flight, when another process has it, for another version's, and when its
+  // pictures lie outside and options.outside does not say where.
+  static std::unique_ptr<FlightStore> open(const std::filesystem::path& folder, const FlightStoreOptions& options = {});
+  // Without a folder: for flights that nobody will resume. Its pictures lie elsewhere (refer()).
+  static std::unique_ptr<FlightStore> in_memory(const FlightDescription& description, UtcMillis now);
+  static bool exists(const std::filesystem::path& folder);
+
+  ~FlightStore();
+  FlightStore(const FlightStore&) = delete;
+  FlightStore& operator=(const FlightStore&) = delete;
+
+  const FlightDescription& description() const;
+
+  // ---- Pictures
+
+  // A batch, in the order of time: one answer for each picture, in the same order. All that are accepted become part of
+  // the flight at once, when this returns. Throws UsageError for more pictures than a batch may have, Error and
+  // OutOfSpace, and then none of them does.
+  std::vector<PictureAnswer> accept(std::span<const PictureOffer> batch, UtcMillis now);
+  // Pictures that stay where they are: files of a folder, whose names are those of the telemetry's frames or `files`.
+  // They are not examined, and one that cannot be read is an unfit frame. Once, for a flight without pictures.
+  void refer(const std::filesystem::path& folder, std::span<const Telemetry> frames, std::span<const std::string> files,
+             UtcMillis now);
+
+  std::size_t accepted() const;   // frames 0 to accepted() - 1
+  std::size_t processed() const;  // of these, from 0
+  PictureRow picture(std::size_t frame) const;
+  std::vector<PictureRow> refused() const;
+  // The encoded bytes. Throws Error when a kept picture is missing or its bytes are not those that were accepted. Of a
+  // picture outside: nothing when it cannot be read, Error when its size is not what it was when it was processed.
+  Bytes read_picture(std::size_t frame) const;
+
+  // ---- Processing
+
+  // The next frame, or nothing while there is none. Fixes that are added from now on are for the frame after it.
+  std::optional<BegunFrame> begin_frame();
+  void put_frame(const ProcessedFrame& frame, UtcMillis now);  // the begun one, in one transaction
+  void abandon_frame();                                        // the begun one will be begun again
+  StoredFrame stored_frame(std::size_t frame) const;
+  std::vector<UserFix> fixes_before(std::size_t frame) const;
+
+  // Throws UsageError for an invalid place or radius.
+  UserFix add_fix(const LonLat& place, double radius_m, std::string_view by, UtcMillis now);
+
+  // All frames' estimates of a kind other than online; they replace those of that kind. events: appended.
+  void put_estimates(EstimateKind kind, std::span<const Estimate> estimates, std::span<const StoredFlightEvent> events,
+                     UtcMillis now);
+  void append_event(const StoredFlightEvent& event, UtcMillis now);
+
+  // ---- Reading
+
+  std::vector<Estimate> estimates(EstimateKind kind) const;  // by frame
+  std::vector<FlightSegment> segments() const;
+  std::vector<UserFix> fixes() const;
+  // At most `most` events after the one of this number; 0: from the first.
+  std::vector<EventRow> events_after(std::int64_t id, std::size_t most) const;
+
+ private:
+  struct Impl;
+  explicit FlightStore(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace nadir
