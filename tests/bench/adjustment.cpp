@@ -1,0 +1,100 @@
+// Block adjustment of a drawn survey: time, memory, and whether the positions are as far off as they say.
+// docs/adjustment.md.
+#include <fmt/format.h>
+#include <sys/resource.h>
+
+#include <CLI/CLI.hpp>
+#include <Eigen/Cholesky>
+#include <chrono>
+#include <cmath>
+#include <iostream>
+
+#include "adjustment/drawn_block.hpp"
+
+using namespace nadir;
+using namespace nadir::test;
+
+namespace {
+
+double now_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+
+double peak_mb() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_maxrss) / 1024;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("Block adjustment of a drawn survey.", "adjustment");
+  int frames = 3000, strips = 50, observations = 200'000, window = 50;
+  double wrong_anchors = 0.05, wrong_observations = 0.02;
+  std::uint64_t seed = 1;
+  app.add_option("--frames", frames, "of the survey")->check(CLI::Range(2, 100'000))->capture_default_str();
+  app.add_option("--strips", strips, "that they are flown in")->check(CLI::Range(1, 10'000))->capture_default_str();
+  app.add_option("--observations", observations, "of tie points")
+      ->check(CLI::Range(0, 10'000'000))
+      ->capture_default_str();
+  app.add_option("--wrong-anchors", wrong_anchors, "share, 150 to 600 m off")->capture_default_str();
+  app.add_option("--wrong-observations", wrong_observations, "share, up to 80 px off")->capture_default_str();
+  app.add_option("--window", window, "frames of a window at the end")
+      ->check(CLI::Range(1, 10'000))
+      ->capture_default_str();
+  app.add_option("--seed", seed, "determines everything")->capture_default_str();
+  CLI11_PARSE(app, argc, argv);
+
+  const RollingGround ground;
+  DrawnBlockOptions options;
+  options.strips = strips;
+  options.frames_per_strip = std::max(1, frames / strips);
+  options.points_per_frame = observations / (options.strips * options.frames_per_strip);
+  options.anchor_every = 5;
+  options.wrong_anchor_share = wrong_anchors;
+  options.wrong_observation_share = wrong_observations;
+  const DrawnBlock block = draw_block(Random(seed), options, ground);
+  BlockAdjustment adjustment(block.nominal, ground, block.options(options));
+  block.add_to(adjustment);
+  const double before_mb = peak_mb();
+  NoProgress progress;
+  double began = now_s();
+  const AdjustedBlock adjusted = adjustment.adjust(progress);
+  const double whole_s = now_s() - began, whole_mb = peak_mb();
+
+  const BlockErrors errors = block_errors(adjusted, block);
+  std::size_t wrong = 0, found = 0, right_off = 0;
+  for (const AdjustedAnchor& anchor : adjusted.anchors) {
+    wrong += block.wrong[anchor.anchor] ? 1U : 0U;
+    found += block.wrong[anchor.anchor] && anchor.switched_off ? 1U : 0U;
+    right_off += !block.wrong[anchor.anchor] && anchor.switched_off ? 1U : 0U;
+  }
+  double point_nees = 0, point_count = 0;
+  for (std::size_t j = 0; j < adjusted.points.size(); ++j) {
+    if (!adjusted.points[j].covariance_m2) continue;
+    const Eigen::Vector3d error = adjusted.points[j].position_m - block.points_m[j];
+    point_nees += error.dot(adjusted.points[j].covariance_m2->llt().solve(error));
+    ++point_count;
+  }
+  std::cout << fmt::format(
+      "| frames | observations | points | seconds | iterations | MB | of the input | NEES, 2 dof | NEES, 3 dof "
+      "| NEES of points, 3 dof | RMS m | worst m | reprojection px | wrong anchors off | right ones off | rejected |\n"
+      "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n"
+      "| {} | {} | {} | {:.1f} | {} | {:.0f} | {:.0f} | {:.2f} | {:.2f} | {:.2f} | {:.2f} | {:.2f} | {:.2f} | {} of {} "
+      "| {} of "
+      "{} | {} |\n\n",
+      adjusted.frames.size(), adjustment.observations(), block.points.size(), whole_s, adjusted.iterations, whole_mb,
+      before_mb, errors.nees_2d, errors.nees_3d, point_nees / point_count, errors.rms_m, errors.largest_m,
+      adjusted.mean_reprojection_px, found, wrong, right_off, adjusted.anchors.size() - wrong,
+      adjusted.rejected_observations);
+  const auto& c = adjusted.calibration;
+  std::cout << fmt::format(
+      "focal length {:+.2f} % ± {:.2f} %, true {:+.2f} %; height scale {:+.2f} % ± {:.2f} %, true {:+.2f} %\n",
+      100 * c.log_focal.value, 100 * c.log_focal.sigma, 100 * std::log(block.camera.fx / block.nominal.fx),
+      100 * c.log_height_scale.value, 100 * c.log_height_scale.sigma, 100 * block.log_height_scale);
+  const std::size_t count = adjustment.frames(), last = std::min(count, static_cast<std::size_t>(window));
+  began = now_s();
+  const AdjustedBlock tail = adjustment.adjust({count - last, count}, progress);
+  std::cout << fmt::format("window of the last {} frames: {:.2f} s, {} iterations\n", last, now_s() - began,
+                           tail.iterations);
+  return 0;
+}
