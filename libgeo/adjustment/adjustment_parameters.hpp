@@ -38,9 +38,12 @@ inline constexpr double kAnchorBound = 9.21;  // χ² with 2 degrees of freedom,
 inline constexpr double kAnchorSwitchOff = 13.8;    // 99.9 %: beyond it an anchor is switched off
 inline constexpr double kObservationHuber = 3.0;    // sigmas, from where a tie point's residual counts linearly; chosen
 inline constexpr double kObservationReject = 16.0;  // χ² with 2 degrees of freedom, 99.97 %; chosen
-inline constexpr int kDecisionRounds = 3;           // of switching anchors and rejecting observations; chosen
-inline constexpr std::size_t kWellTied = 12;        // observations of a frame that needs no motion model; chosen
-inline constexpr std::size_t kMinRays = 2;          // of a point without a known place
+// A point farther from the terrain model, in sigmas, is a tower or a false match along its rays: the terrain then says
+// (nearly) nothing about it, its sigma being so many times larger; chosen.
+inline constexpr double kTerrainOutlier = 4.0, kTerrainOutlierWidening = 100;
+inline constexpr int kDecisionRounds = 3;     // of switching anchors and rejecting observations; chosen
+inline constexpr std::size_t kWellTied = 12;  // observations of a frame that needs no motion model; chosen
+inline constexpr std::size_t kMinRays = 2;    // of a point without a known place
 
 // ---- iterations
 

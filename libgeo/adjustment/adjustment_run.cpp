@@ -143,6 +143,7 @@ class AdjustmentRun {
 
   AdjustmentOutcome outcome_ = AdjustmentOutcome::converged;
   int iterations_ = 0;
+  bool settled_ = false;                                    // the graduated rounds are over
   std::vector<std::size_t> frame_indices_, point_indices_;  // of the covariances
   std::optional<MarginalCovariances> marginal_;
 };
@@ -244,7 +245,6 @@ void AdjustmentRun::connect() {
 std::vector<double> AdjustmentRun::terrain_sigmas() const {
   std::vector<double> sigmas(data_.points.size(), data_.options.terrain_sigma_m);
   const double cell_m = data_.options.terrain_correlation_m;
-  if (cell_m <= 0) return sigmas;
   struct InCell {
     std::int64_t east, north;
     std::size_t point;
@@ -252,6 +252,15 @@ std::vector<double> AdjustmentRun::terrain_sigmas() const {
   std::vector<InCell> cells;
   for (std::size_t j = 0; j < data_.points.size(); ++j) {
     if (!used_[j]) continue;
+    if (settled_) {
+      const Eigen::Vector3d& at = state_.points[j];
+      const double off_m = std::abs(at.z() - data_.ground.height_m({at.x(), at.y()}));
+      if (off_m > table::kTerrainOutlier * data_.options.terrain_sigma_m) {
+        sigmas[j] *= table::kTerrainOutlierWidening;
+        continue;
+      }
+    }
+    if (cell_m <= 0) continue;
     cells.push_back({std::llround(state_.points[j].x() / cell_m), std::llround(state_.points[j].y() / cell_m), j});
   }
   std::sort(cells.begin(), cells.end(), [](const InCell& a, const InCell& b) {
@@ -638,6 +647,7 @@ AdjustedBlock AdjustmentRun::run() {
       solve(table::kAnnealingIterations, table::kAnnealingTolerance,
             round == 0 ? table::kFarTrustRegion : table::kNearTrustRegion);
     }
+    settled_ = true;
     for (int round = 0; round < table::kDecisionRounds; ++round) {
       if (!decide() && round > 0) break;
       build();
