@@ -89,6 +89,9 @@ class AdjustmentRun {
         connections_(data.frames.size()),
         anchored_(data.frames.size(), false),
         held_root_(data.frames.size(), false) {
+    for (std::size_t j = 0; j < uses_.size(); ++j) {
+      uses_[j].assign(data.points[j].observations.size(), ObservationUse::outside_window);
+    }
     std::fill(free_.begin() + static_cast<std::ptrdiff_t>(window.begin),
               free_.begin() + static_cast<std::ptrdiff_t>(window.end), true);
   }
@@ -158,7 +161,6 @@ void AdjustmentRun::place_points() {
   for (std::size_t j = 0; j < data_.points.size(); ++j) {
     const TiePoint& point = data_.points[j];
     auto& uses = uses_[j];
-    uses.assign(point.observations.size(), ObservationUse::outside_window);
     const bool seen = std::any_of(point.observations.begin(), point.observations.end(),
                                   [&](const ImageObservation& o) { return free_[o.frame]; });
     if (!seen) continue;

@@ -23,7 +23,8 @@
 // as one. If every point counted by itself, their own relief would pull at the scale: images determine the shape z of
 // the ground up to a scale b, and Σ (b z - ground)² / σ² is least at b = var(ground) / (var(ground) + σ²), below 1
 // (errors in variables; Fuller 1987), with a confidence that grows with the number of points. With cells of 250 m there
-// are too few of them to outweigh height measurements and anchors.
+// are too few of them to outweigh height measurements and anchors. A point beyond four σ (a tower; a false match, which
+// two rays cannot tell) is left out of this prior.
 //
 // The principal point is not adjusted: seen from above it cannot be told from a boresight of pitch and roll.
 //

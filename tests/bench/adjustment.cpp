@@ -10,6 +10,7 @@
 #include <iostream>
 
 #include "adjustment/drawn_block.hpp"
+#include "adjustment/object_place.hpp"
 
 using namespace nadir;
 using namespace nadir::test;
@@ -24,11 +25,59 @@ double peak_mb() {
   return static_cast<double>(usage.ru_maxrss) / 1024;
 }
 
+// Mean NEES over many small blocks: one large block is one draw of the errors that its frames share.
+void print_small_blocks(int blocks, std::uint64_t seed) {
+  double nees_2d = 0, nees_3d = 0;
+  const RollingGround ground;
+  for (int i = 0; i < blocks; ++i) {
+    const DrawnBlockOptions options;
+    const DrawnBlock block = draw_block(Random(seed).fork("block", static_cast<std::uint64_t>(i)), options, ground);
+    BlockAdjustment adjustment(block.nominal, ground, block.options(options));
+    block.add_to(adjustment);
+    NoProgress progress;
+    const BlockErrors errors = block_errors(adjustment.adjust(progress), block);
+    nees_2d += errors.nees_2d / blocks;
+    nees_3d += errors.nees_3d / blocks;
+  }
+  std::cout << fmt::format("{} blocks of 10 frames: NEES {:.2f} with 2 dof, {:.2f} with 3\n", blocks, nees_2d, nees_3d);
+}
+
+// The point with most observations, placed as an object.
+void print_object(const AdjustedBlock& adjusted, const DrawnBlock& block, const GroundSurface& ground) {
+  std::size_t best = 0;
+  for (std::size_t j = 0; j < block.points.size(); ++j) {
+    if (block.points[j].observations.size() > block.points[best].observations.size()) best = j;
+  }
+  std::vector<SightedFrame> frames;
+  std::vector<ObjectSighting> sightings;
+  std::vector<std::size_t> indices;
+  for (const ImageObservation& o : block.points[best].observations) {
+    const AdjustedFrame& frame = adjusted.frames[o.frame];
+    if (!frame.covariance) continue;
+    sightings.push_back({frames.size(), o.pixel});
+    frames.push_back({frame.pose, *frame.covariance});
+    indices.push_back(o.frame);
+  }
+  for (const std::size_t count : {std::size_t{1}, sightings.size(), std::size_t{64}}) {
+    std::vector<ObjectSighting> some(count);
+    for (std::size_t i = 0; i < count; ++i) some[i] = sightings[i % sightings.size()];
+    const auto joint = adjusted.joint_covariance(indices);
+    const double began = now_s();
+    const auto result = place_object(adjusted.calibration.camera, ground, frames, some, 3, joint);
+    const double ms = 1000 * (now_s() - began);
+    const auto* object = std::get_if<LocatedObject>(&result);
+    if (object == nullptr) continue;
+    std::cout << fmt::format("object from {} sightings: {:.2f} ms, 95 % within {:.1f} x {:.1f} m, {:.1f} m off\n",
+                             count, ms, object->ellipse_95.semi_major_m, object->ellipse_95.semi_minor_m,
+                             distance_m(object->place, {block.points_m[best].x(), block.points_m[best].y()}));
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   CLI::App app("Block adjustment of a drawn survey.", "adjustment");
-  int frames = 3000, strips = 50, observations = 200'000, window = 50;
+  int frames = 3000, strips = 50, observations = 200'000, window = 50, blocks = 200;
   double wrong_anchors = 0.05, wrong_observations = 0.02;
   std::uint64_t seed = 1;
   app.add_option("--frames", frames, "of the survey")->check(CLI::Range(2, 100'000))->capture_default_str();
@@ -40,6 +89,9 @@ int main(int argc, char** argv) {
   app.add_option("--wrong-observations", wrong_observations, "share, up to 80 px off")->capture_default_str();
   app.add_option("--window", window, "frames of a window at the end")
       ->check(CLI::Range(1, 10'000))
+      ->capture_default_str();
+  app.add_option("--blocks", blocks, "small ones, for the mean NEES")
+      ->check(CLI::Range(1, 100'000))
       ->capture_default_str();
   app.add_option("--seed", seed, "determines everything")->capture_default_str();
   CLI11_PARSE(app, argc, argv);
@@ -96,5 +148,7 @@ int main(int argc, char** argv) {
   const AdjustedBlock tail = adjustment.adjust({count - last, count}, progress);
   std::cout << fmt::format("window of the last {} frames: {:.2f} s, {} iterations\n", last, now_s() - began,
                            tail.iterations);
+  print_object(adjusted, block, ground);
+  print_small_blocks(blocks, seed);
   return 0;
 }
