@@ -69,7 +69,7 @@ enum class LocationProblem {
 std::string_view name_of(LocationProblem problem);
 
 // terrain_sigma_m: of the object above or below the surface. joint_covariance: of the frames, in their order, six rows
-// each; its diagonal blocks replace the frames' own. Throws UsageError for no sightings or more than 64, frames that
+// each; its diagonal blocks replace the frames' own. Throws UsageError for no sightings or more than 32, frames that
 // are not in the list, values that are not finite, and sigmas that are not positive.
 std::variant<LocatedObject, LocationProblem> place_object(
     const CameraModel& camera, const GroundSurface& ground, std::span<const SightedFrame> frames,
