@@ -18,6 +18,7 @@ packages_build=(
   libwebp-dev                # WebP tiles
   libtiff-dev                # COG without GDAL
   libeigen3-dev              # linear algebra
+  libceres-dev               # block adjustment; brings glog and SuiteSparse
   libopencv-core-dev         # matrices, DFT; the module packages alone, because libopencv-dev
   libopencv-imgproc-dev      #   drags in VTK and Qt
   libopencv-features2d-dev   # odometry's features

@@ -12,6 +12,7 @@ find_package(PNG REQUIRED)
 find_package(TIFF REQUIRED)
 find_package(Boost 1.74 REQUIRED)  # headers alone: Beast, Asio
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
+find_package(Ceres 2.1 REQUIRED QUIET)  # brings glog and SuiteSparse
 find_package(PROJ 9 CONFIG REQUIRED)
 find_package(GDAL 3.6 CONFIG REQUIRED)
 pkg_check_modules(WEBP REQUIRED IMPORTED_TARGET libwebp)

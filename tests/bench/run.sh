@@ -26,8 +26,9 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   flights       long flights with turns, outliers, blackouts, wrong height and heading (--resume FILE; half an hour)
   turns         how far off what odometry says of a turn is (two minutes)
   consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
-  smoothing     a flight log smoothed by the filter, and by a batch in Ceres (needs libceres-dev)
+  smoothing     a flight log smoothed by the filter, and by a batch in Ceres
   desk          stored flights: a batch of pictures, a frame, and resuming (a minute)
+  adjustment    block adjustment of a drawn survey: 3000 frames, 200 000 observations (two minutes; --frames N)
   closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
   chaos         the same under faults, in five parts (25 minutes; --only PART). kill: nadird killed every 30 s; faults: disk full, link
                 cut, clocks set, tiles spoilt; restarts: on a full state disk, a taken port, a wrong clock, a torn file, a swapped
@@ -57,15 +58,6 @@ programs() { # the ones that nothing but a bench needs
 
 one_program() {
   cmake --build build --target "$1" -- --quiet
-}
-
-smoothing() {
-  if [[ ! -e /usr/include/ceres/ceres.h ]]; then
-    echo "NOT RUN: Ceres is not installed (libceres-dev)"
-    return
-  fi
-  cmake -B build >/dev/null
-  one_program bench_smoothing && build/bin/bench_smoothing "$@"
 }
 
 desk() {
@@ -100,8 +92,9 @@ part() {
     flights)      one_program bench_flights && build/bin/bench_flights "$@" ;;
     consistency)  one_program bench_consistency && build/bin/bench_consistency "$@" ;;
     turns)        one_program bench_turns && build/bin/bench_turns "$@" ;;
-    smoothing)    smoothing "$@" ;;
+    smoothing)    one_program bench_smoothing && build/bin/bench_smoothing "$@" ;;
     desk)         one_program bench_desk && desk "$@" ;;
+    adjustment)   one_program bench_adjustment && build/bin/bench_adjustment "$@" ;;
     closed-loop)  build-venv/bin/python -B "$here/../e2e/closed_loop.py" "$@" ;;
     sync)         one_program test_killed_sync && one_program test_make_candidates && python3 -B "$here/sync.py" "$@" ;;
     contract)     one_program test_make_candidates && one_program nadir && python3 -B "$here/contract_client.py" "$@" ;;
@@ -124,8 +117,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, desk, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
-  build | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | desk | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
+    echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, adjustment, desk, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
+  build | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjustment | desk | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -22,6 +22,7 @@ ALLOWED = {
     # where am I
     "vision": "base geodesy imagery package",
     "estimation": "base geodesy imagery package vision",
+    "adjustment": "base geodesy vision",
     "ortho": "base geodesy imagery trust vision estimation",
     "recorder": "base geodesy imagery vision estimation",
     "flights": "base geodesy imagery vision estimation recorder",
@@ -61,6 +62,7 @@ ONLY_IN = [
     (re.compile(r"^curl/"), {"upload"}),
     (re.compile(r"^CLI/"), {"cli"}),
     (re.compile(r"^faiss/"), {"vision"}),
+    (re.compile(r"^ceres/"), {"adjustment"}),
 ]
 TYPE = re.compile(r"^(?:struct|class|enum class) (\w+)(?: final)?(?:\s*:(?!:)[^{;]*)?\s*\{", re.MULTILINE)
 INCLUDE = re.compile(r'^\s*#\s*include\s+["<]([^">]+)[">]')
