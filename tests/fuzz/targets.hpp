@@ -29,7 +29,7 @@ void poses(std::string_view bytes);
 void terrain(std::string_view bytes);
 void matchability(std::string_view bytes);
 void vrt(std::string_view bytes);      // and what it names, before GDAL sees it
-void picture(std::string_view bytes);  // JPEG, PNG, WebP
+void picture(std::string_view bytes);  // JPEG, PNG, WebP, TIFF
 
 void mbtiles(std::string_view bytes);    // a file's bytes
 void tile_rows(std::string_view bytes);  // rows of a sound SQLite file, in any types

@@ -43,7 +43,7 @@ ALLOWED = {
     "simulation": "base geodesy imagery package vision raster",
     # the aircraft
     "service": "base geodesy estimation",
-    "camera": "base service",
+    "camera": "base imagery service",
     "api": "base geodesy imagery package vision estimation http service",
     "flight": "base geodesy imagery trust package vision estimation ortho recorder mavlink fixes cli api camera service",
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
