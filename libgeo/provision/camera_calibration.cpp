@@ -13,7 +13,7 @@
 #include "base/error.hpp"
 #include "base/yaml.hpp"
 #include "geodesy/angles.hpp"
-#include "imagery/codecs.hpp"
+#include "imagery/frame_image.hpp"
 #include "replay/flight_folder.hpp"
 #include "vision/camera.hpp"
 

@@ -33,6 +33,7 @@ ALLOWED = {
     "report": "",
     "verify_request": "base package cli",
     "nadird_client": "base http cli",
+    "flight_import": "base geodesy imagery vision estimation recorder mavlink replay",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
     "raster": "base geodesy imagery package",
@@ -49,17 +50,18 @@ ALLOWED = {
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
     "commands": "base geodesy imagery trust package vision estimation ortho recorder replay mavlink upload raster package_build catalogue "
-                "simulation provision cli report verify_request nadird_client",
+                "simulation provision flight_import cli report verify_request nadird_client",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }
 # Libraries that no header may include, and those that only the named folders may include at all.
-HEAVY_IN_HEADERS = re.compile(r"^(ceres/|gdal|ogr|cpl_|faiss/|CLI/|boost/beast|nlohmann/json\.hpp$|proj\.h$)")
+HEAVY_IN_HEADERS = re.compile(r"^(ceres/|exiv2/|gdal|ogr|cpl_|faiss/|CLI/|boost/beast|nlohmann/json\.hpp$|proj\.h$)")
 ONLY_IN = [
     (re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"raster", "package_build", "catalogue", "candidates", "simulation", "commands"}),
     (re.compile(r"^curl/"), {"upload"}),
     (re.compile(r"^CLI/"), {"cli"}),
     (re.compile(r"^faiss/"), {"vision"}),
+    (re.compile(r"^exiv2/"), {"flight_import"}),
 ]
 TYPE = re.compile(r"^(?:struct|class|enum class) (\w+)(?: final)?(?:\s*:(?!:)[^{;]*)?\s*\{", re.MULTILINE)
 INCLUDE = re.compile(r'^\s*#\s*include\s+["<]([^">]+)[">]')
