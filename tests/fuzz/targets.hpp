@@ -54,6 +54,11 @@ void http_date(std::string_view bytes);
 void outbox(std::string_view bytes);       // a file's bytes
 void outbox_rows(std::string_view bytes);  // rows of an outbox that is otherwise sound, in any types
 
+void dataflash(std::string_view bytes);       // a log of ArduPilot
+void ulog(std::string_view bytes);            // a log of PX4
+void tlog(std::string_view bytes);            // a log of a ground station
+void photo_metadata(std::string_view bytes);  // EXIF and XMP
+
 void mavlink(std::string_view bytes);  // a stream from the autopilot
 
 }  // namespace nadir::fuzz
