@@ -200,7 +200,7 @@ std::string draft_yaml(const CameraDraft& draft, const TelemetryUncertainty& unc
       distortion += fmt::format("{}{}", distortion.empty() ? "" : ", ", value);
   }
   return fmt::format(
-      "# A draft by `nadir flight import`: {}.\n"
+      "# A draft that `nadir flight import` made of photos {}.\n"
       "# Focal length: {}.\n"
       "# `nadir provision camera` calibrates. Review what ends with \"# check\".\n"
       "model: pinhole\n"

@@ -20,6 +20,7 @@
 #include "flight_import/photo_set.hpp"
 #include "flight_import/picture_turns.hpp"
 #include "flight_import/px4_log.hpp"
+#include "flight_import/video_frames.hpp"
 #include "geodesy/angles.hpp"
 #include "replay/recorded_flight.hpp"
 
@@ -131,6 +132,11 @@ class FlightImporter {
     if (request_.recording) {
       take_recording(staging.path() / "frames");
     } else {
+      if (request_.video) {
+        take_video(staging.path() / "frames");
+      } else {
+        gather();
+      }
       take_photos();
     }
     if (!findings_.has_errors() && frames_.empty()) {
@@ -162,12 +168,31 @@ class FlightImporter {
 
   // ---- photos, with or without a log
 
-  void take_photos() {
+  void gather() {
     set_ = gather_photos({request_.photos, request_.model, request_.interval_s}, progress_);
     findings_.add(set_.findings);
     const PhotoFacts& first = set_.photos.front().facts;
     figure("photos", fmt::format("{}, {}{}{}×{} pixels", count(set_.photos.size(), "photo"), first.model,
                                  first.model.empty() ? "" : ", ", first.size.width, first.size.height));
+  }
+
+  void take_video(const fs::path& frames_folder) {
+    const VideoFrames video =
+        unpack_video({*request_.video, request_.interval_s.value_or(1)}, frames_folder, progress_);
+    for (const VideoFrame& frame : video.frames) {
+      Photo photo{.facts = {}, .name = frame.name, .camera_s = frame.time_s};
+      photo.facts.file = frames_folder / frame.name;
+      photo.facts.size = video.size;
+      set_.photos.push_back(std::move(photo));
+    }
+    set_.timed = true;
+    set_.step_s = 0;
+    unpacked_ = true;
+    figure("video", fmt::format("{} of {}×{} pixels over {:.0f} s", count(video.frames.size(), "frame"),
+                                video.size.width, video.size.height, video.frames.back().time_s));
+  }
+
+  void take_photos() {
     if (request_.log) read_log();
     const bool timed = log_ ? time_by_log() : time_by_camera();
     make_camera();
@@ -224,7 +249,7 @@ class FlightImporter {
       return false;
     }
     const auto zone_s = request_.zone_s ? request_.zone_s : set_.zone_s;
-    if (!zone_s && !request_.interval_s) {
+    if (!zone_s && !request_.interval_s && !request_.video) {
       note("import.zone", "", "the camera's offset from UTC", "not known: time_s is that of the camera's clock",
            "--zone-h HOURS, if UTC matters to you");
     }
@@ -402,7 +427,7 @@ class FlightImporter {
                                    ? 0.1
                                    : 0.05;
     const PhotoFacts& facts = set_.photos.front().facts;
-    const std::string taken_with = facts.model.empty() ? "of photos without a camera's name" : "of " + facts.model;
+    const std::string taken_with = facts.model.empty() ? "without a camera's name" : "of a " + facts.model;
     std::string text = draft_yaml(*draft_, uncertainty, taken_with);
     try {
       read_camera(YamlNode::parse(text, "camera.yaml"));
@@ -750,8 +775,10 @@ class FlightImporter {
     }
     progress_.end();
     if (unpacked_) {  // what was left out
+      std::set<std::string> kept;
+      for (const ImportedFrame& frame : frames_) kept.insert(frame.name);
       for (const auto& entry : fs::directory_iterator(folder / "frames")) {
-        if (!has_frame_extension(entry.path())) fs::remove(entry.path());
+        if (!kept.contains(entry.path().filename().string())) fs::remove(entry.path());
       }
     }
     write_file_atomic(folder / "telemetry.csv", telemetry_csv(frames_));

@@ -3,6 +3,7 @@
 //
 //   photos          time, height and attitude from EXIF and XMP
 //   photos + log    the clock offset between camera and log, then height and attitude from the log (flight_log.hpp)
+//   video (+ log)   a frame every so often, timed within the video
 //   recording       frames, telemetry and camera as they were flown
 //
 // The folder that is written has frames/ (links or copies), telemetry.csv, camera.yaml and import.json, and with
@@ -32,6 +33,7 @@ enum class FrameTransfer { link, copy };
 
 struct ImportRequest {
   std::vector<std::filesystem::path> photos;       // folders or files
+  std::optional<std::filesystem::path> video;      // instead of photos
   std::optional<std::filesystem::path> log;        // .BIN, .ulg, .tlog: told apart by their first bytes
   std::optional<std::filesystem::path> recording;  // of the flight recorder; photos: where it does not hold them
   std::optional<std::string> session;              // of the recording
@@ -43,7 +45,7 @@ struct ImportRequest {
   std::optional<double> ground_m;        // height of the ground above sea level
   std::optional<double> clock_offset_s;  // log time less camera time
   std::optional<double> zone_s;          // camera time less UTC
-  std::optional<double> interval_s;      // between photos without a time
+  std::optional<double> interval_s;      // between photos without a time, or frames that are taken of a video
   std::optional<LonLat> start;           // position of the first photo, roughly
   std::optional<LonLat> takeoff;
   bool truth = false;  // write truth.csv

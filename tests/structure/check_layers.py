@@ -33,7 +33,7 @@ ALLOWED = {
     "report": "",
     "verify_request": "base package cli",
     "nadird_client": "base http cli",
-    "flight_import": "base geodesy imagery vision estimation recorder mavlink replay",
+    "flight_import": "base geodesy imagery vision mavlink replay camera",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
     "raster": "base geodesy imagery package",

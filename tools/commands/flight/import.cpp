@@ -35,7 +35,7 @@ class FlightImportCommand final : public Command {
   ImportRequest request() const;
 
   std::vector<std::filesystem::path> photos_;
-  std::optional<std::filesystem::path> log_, recorder_, camera_, terrain_;
+  std::optional<std::filesystem::path> video_, log_, recorder_, camera_, terrain_;
   std::optional<std::string> session_;
   std::string model_, frames_ = "link";
   std::optional<double> focal_px_, focal_mm_, sensor_width_mm_;
@@ -50,8 +50,8 @@ std::string_view FlightImportCommand::details() const {
   return R"(OUT receives frames/ (links to the photos, or copies), telemetry.csv, a draft of camera.yaml and
 import.json: what nadir replay reads, and what was found and assumed. Sources are never changed.
 
-Sources: photos with EXIF and XMP, alone or with an ArduPilot .BIN, a PX4 .ulg or a MAVLink .tlog;
-or a recording of nadird. The offset between the clocks of camera and log is estimated from triggers
+Sources: photos with EXIF and XMP or a video, alone or with an ArduPilot .BIN, a PX4 .ulg or a
+MAVLink .tlog; or a recording of nadird. The offset between the clocks of camera and log is estimated from triggers
 in the log, from UTC, or from the turns that the pictures show; --clock-offset-s overrides it.
 
 GPS positions never become telemetry. With --truth they are written to truth.csv, for scoring.
@@ -72,7 +72,8 @@ nadir flight import --recorder recording --out flight)";
 
 void FlightImportCommand::setup(Options& options) {
   options.values("--photos", photos_, "DIR", "folders of photos, with their subfolders, or files");
-  options.value("--log", log_, "FILE", "the autopilot's log: .BIN, .ulg or .tlog").needs("--photos");
+  options.value("--video", video_, "FILE", "a video instead of photos: a frame every --interval-s (1)");
+  options.value("--log", log_, "FILE", "the autopilot's log: .BIN, .ulg or .tlog");
   options.value("--recorder", recorder_, "DIR", "a recording of nadird, instead of photos and a log");
   options.value("--session", session_, "ID", "of the recording, when it holds several").needs("--recorder");
   options.value("--out", out_, "OUT", "folder to create; must not exist").required();
@@ -97,27 +98,30 @@ void FlightImportCommand::setup(Options& options) {
   options.value("--clock-offset-s", clock_offset_s_, "SECONDS", "log time less camera time; estimated without it")
       .needs("--log");
   options.value("--zone-h", zone_h_, "HOURS", "the camera's clock less UTC").between(-14, 14);
-  options.value("--interval-s", interval_s_, "SECONDS", "between photos without times, in the order of their names")
+  options
+      .value("--interval-s", interval_s_, "SECONDS",
+             "between photos without times, in the order of their names; of a video")
       .between(0.001, 86'400);
   options.value("--start", start_, "LON,LAT", "position of the first photo, to about 100 m");
 }
 
 void FlightImportCommand::check() const {
   if (recorder_) {
-    if (!log_ && photos_.size() <= 1) return;
+    if (!log_ && !video_ && photos_.size() <= 1) return;
     throw UsageError({.what = "nadir flight import --recorder takes everything from the recording",
                       .expected = "at most one --photos, the folder of its images",
                       .fix = "leave out the others"});
   }
-  if (!photos_.empty()) return;
+  if (photos_.empty() != !video_.has_value()) return;
   throw UsageError({.what = "nadir flight import needs a source",
-                    .expected = "--photos DIR, or --recorder DIR",
+                    .expected = "one of --photos DIR, --video FILE or --recorder DIR",
                     .fix = "nadir flight import --help shows examples"});
 }
 
 ImportRequest FlightImportCommand::request() const {
   ImportRequest request;
   request.photos = photos_;
+  request.video = video_;
   request.log = log_;
   request.recording = recorder_;
   request.session = session_;
