@@ -254,38 +254,45 @@ ClockOffsetResult offset_from_turns(const std::vector<SeenTurn>& turns, double s
       if (cost < best.cost) best = {offset_s, cost};
     }
   }
-  double information = 0;
-  for (const SeenTurn& turn : turns) {
-    constexpr double kDerivative_s = 0.25;
-    const auto logged = [&](double offset_s) {
-      return grid.at(turn.to_s + offset_s) - grid.at(turn.from_s + offset_s);
-    };
-    const double change = wrap_pi(logged(best.offset_s + kDerivative_s) - logged(best.offset_s - kDerivative_s));
-    if (std::isfinite(change)) information += std::pow(change / (2 * kDerivative_s), 2);
-  }
-  const double scale = std::max(1.0, std::sqrt(best.cost));
-  const double sigma_s = information > 0 ? scale * sigma_rad / std::sqrt(information) : 1e9;
+  // What a turn is off by, at best, is the noise; costs are of independent pairs, so that their sum over σ² is a χ².
   const TurnCost at_best = turn_cost(turns, grid, best.offset_s, sigma_rad);
-  if (sigma_s > 1) return {{}, "the flight turns too little for its turns to tell"};
+  const double scale2 = std::max(1.0, best.cost);
+  const auto worse = [&](double cost) { return (cost - best.cost) * static_cast<double>(at_best.used) / scale2; };
   if (at_best.agreeing * 10 < at_best.used * 6) {
     return {{},
             fmt::format("the turns in the pictures are nowhere those of the log: at best {} of {} agree",
                         at_best.agreeing, at_best.used)};
   }
-  const double apart_s = std::max(2.0, 6 * sigma_s);
-  Sample rival{0, std::numeric_limits<double>::infinity()};
+  // The offset's distribution around the best one, exp(-χ²/2): several dips side by side, which rounded times of photos
+  // make, are one uncertain offset.
+  constexpr double kFine_s = 0.05, kAround_s = 10;
+  double mass = 0, mean_s = 0, variance_s2 = 0;
+  for (const bool second : {false, true}) {
+    for (double from_best_s = -kAround_s; from_best_s <= kAround_s; from_best_s += kFine_s) {
+      const double weight = std::exp(-worse(turn_cost(turns, grid, best.offset_s + from_best_s, sigma_rad).mean) / 2);
+      if (!second) {
+        mass += weight;
+        mean_s += weight * from_best_s;
+      } else {
+        variance_s2 += weight * (from_best_s - mean_s) * (from_best_s - mean_s) / mass;
+      }
+    }
+    if (!second) mean_s /= mass;
+  }
+  const double offset_s = best.offset_s + mean_s, sigma_s = std::max(std::sqrt(variance_s2), 0.05);
+  constexpr double kUselessSigma_s = 1.5;
+  if (sigma_s > kUselessSigma_s) {
+    return {{},
+            fmt::format("the flight turns too little for its turns to tell: {:.1f} s ± {:.1f} s", offset_s, sigma_s)};
+  }
+  constexpr double kSure = 12;  // of χ²: 3.5 sigmas
   for (const Sample& sample : samples) {
-    if (std::abs(sample.offset_s - best.offset_s) > apart_s && sample.cost < rival.cost) rival = sample;
+    if (std::abs(sample.offset_s - best.offset_s) < kAround_s || worse(sample.cost) > kSure) continue;
+    return {{},
+            fmt::format("the flight repeats its turns: {:.1f} s and {:.1f} s fit alike", offset_s, sample.offset_s)};
   }
-  // The costs are of independent pairs: a difference of their sums by 12 is 3.5 sigmas.
-  const double difference = (rival.cost - best.cost) * static_cast<double>(at_best.used) / (scale * scale);
-  if (difference < 12) {
-    return {
-        {},
-        fmt::format("the flight repeats its turns: {:.1f} s and {:.1f} s fit alike", best.offset_s, rival.offset_s)};
-  }
-  return {ClockOffset{.offset_s = best.offset_s,
-                      .sigma_s = std::max(sigma_s, 0.05),
+  return {ClockOffset{.offset_s = offset_s,
+                      .sigma_s = sigma_s,
                       .supporting = at_best.agreeing,
                       .from = fmt::format("turns in {} of {} pairs of pictures are those of the log", at_best.agreeing,
                                           at_best.used),

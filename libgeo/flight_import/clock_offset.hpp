@@ -11,9 +11,10 @@
 //
 //   Turns. The change of heading between two overlapping pictures is seen in them; the log has the heading at any time.
 //   The offset is where both agree:
-//     cost(o) = Σ min((Δψ_seen - Δψ_log(t_i + o, t_j + o))² / σ², c²),   σ_o² = σ² / Σ (d Δψ_log / d o)²
-//   A flight without turns tells nothing, and a flight of equal loops tells too much: the second-best offset must be
-//   clearly worse.
+//     χ²(o) = Σ min((Δψ_seen - Δψ_log(t_i + o, t_j + o))² / σ², c²)
+//   Its mean and its sigma are those of exp(-χ²/2) within ten seconds of the best offset.
+//   A flight without turns tells nothing, and a flight of equal loops tells too much: any offset
+//   farther away must be clearly worse.
 //
 // An offset that nothing determines is not guessed.
 #pragma once
