@@ -12,7 +12,8 @@ namespace nadir {
 namespace {
 
 constexpr double kTriggerJitter_s = 0.35;  // between a trigger and the time that the camera writes; of consumer cameras
-constexpr std::size_t kVotingPhotos = 60;  // evenly chosen; each votes with every trigger
+constexpr std::size_t kMostTriggers = 100'000;  // bounds the votes
+constexpr std::size_t kVotingPhotos = 60;       // evenly chosen; each votes with every trigger
 
 struct TriggerMatching {
   double offset_s = 0;
@@ -115,6 +116,7 @@ ClockOffsetResult offset_from_triggers(const std::vector<double>& times_s, doubl
                                        const std::vector<CameraTrigger>& triggers, std::optional<double> expected_s) {
   constexpr std::size_t kFewest = 3;
   if (triggers.empty()) return {{}, "the log has no triggers"};
+  if (triggers.size() > kMostTriggers) return {{}, fmt::format("{} triggers are no camera's", triggers.size())};
   if (times_s.size() < kFewest || triggers.size() < kFewest) {
     return {{}, fmt::format("{} photos and {} triggers are too few to tell", times_s.size(), triggers.size())};
   }

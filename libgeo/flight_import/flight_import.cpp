@@ -220,7 +220,7 @@ class FlightImporter {
       throw UsageError({.what = "the log holds no attitude and no heights",
                         .where = request_.log->string(),
                         .expected = "the log of a flight",
-                        .found = fmt::format("{} of an {}", count(log.records, "record"), log.format),
+                        .found = fmt::format("{} of other kinds ({})", count(log.records, "record"), log.format),
                         .fix = "give the log of this flight; without one leave --log out"});
     }
     figure("log",

@@ -95,6 +95,9 @@ TEST(TriggerOffset, OtherTriggersAreNotThePhotos) {
   EXPECT_FALSE(result.offset);
   EXPECT_NE(result.why_not, "");
   EXPECT_FALSE(offset_from_triggers({}, 1, triggers, {}).offset);
+  std::vector<CameraTrigger> flood;
+  for (int i = 0; i < 200'000; ++i) flood.push_back({i * 0.01});
+  EXPECT_THAT(offset_from_triggers(times_s, 1, flood, {}).why_not, ::testing::HasSubstr("200000 triggers"));
   EXPECT_FALSE(offset_from_triggers(times_s, 1, {}, {}).offset);
 }
 
