@@ -2,11 +2,10 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <set>
 
 #include "base/files.hpp"
 #include "base/input_file.hpp"
@@ -16,13 +15,14 @@
 #include "base/yaml.hpp"
 #include "flight_import/ardupilot_log.hpp"
 #include "flight_import/clock_offset.hpp"
+#include "flight_import/imported_flight.hpp"
 #include "flight_import/mavlink_log.hpp"
 #include "flight_import/photo_set.hpp"
 #include "flight_import/picture_turns.hpp"
 #include "flight_import/px4_log.hpp"
+#include "flight_import/recording_import.hpp"
 #include "flight_import/video_frames.hpp"
 #include "geodesy/angles.hpp"
-#include "replay/recorded_flight.hpp"
 
 namespace nadir {
 namespace {
@@ -34,7 +34,6 @@ constexpr double kAttitudeGap_s = 2, kHeightGap_s = 5, kRangeGap_s = 1, kPositio
 constexpr double kMaxTilt_rad = 0.785;               // 45 degrees: beyond it a photo is an oblique view
 constexpr double kMinFlight_m = 5;                   // lower photos are of the take-off place
 constexpr double kMinAgl_m = 1, kMaxAgl_m = 20'000;  // what telemetry.csv may hold
-constexpr double kMinStep_s = 1e-3;                  // between the times of two frames
 
 enum class HeightSource { stated, range, autopilot_terrain, stated_ground, terrain_model, home, take_off };
 constexpr std::size_t kHeightSources = 7;
@@ -54,52 +53,6 @@ const char* name_of_source(HeightSource source) {
 
 enum class AttitudeSource { gimbal, log, photo, direction };
 
-struct ImportedFrame {
-  fs::path file;
-  std::string name;
-  double time_s = 0;
-  std::optional<double> agl_m, heading_rad, pitch_rad, roll_rad;
-  std::optional<Eigen::Vector2d> imu_dv_mps;
-  std::optional<LonLat> place;
-  std::optional<double> alt_m;
-};
-
-std::string cell(const std::optional<double>& value, int decimals) {
-  return value ? fmt::format("{:.{}f}", *value, decimals) : std::string();
-}
-
-std::optional<double> in_degrees(const std::optional<double>& angle_rad) {
-  return angle_rad ? std::optional(degrees(*angle_rad)) : std::nullopt;
-}
-
-std::string telemetry_csv(const std::vector<ImportedFrame>& frames) {
-  const bool imu = std::any_of(frames.begin(), frames.end(), [](const ImportedFrame& one) { return one.imu_dv_mps; });
-  std::string csv = "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg";
-  csv += imu ? ",imu_dv_east_mps,imu_dv_north_mps\n" : "\n";
-  for (const ImportedFrame& frame : frames) {
-    std::optional<double> heading_deg = in_degrees(frame.heading_rad);
-    if (heading_deg && *heading_deg < 0) *heading_deg += 360;
-    csv += fmt::format("{},{:.6f},{},{},{},{}", frame.name, frame.time_s, cell(frame.agl_m, 2), cell(heading_deg, 3),
-                       cell(in_degrees(frame.pitch_rad), 3), cell(in_degrees(frame.roll_rad), 3));
-    if (imu) {
-      const auto& dv = frame.imu_dv_mps;
-      csv += dv ? fmt::format(",{:.5f},{:.5f}", dv->x(), dv->y()) : std::string(",,");
-    }
-    csv += '\n';
-  }
-  return csv;
-}
-
-std::string truth_csv(const std::vector<ImportedFrame>& frames) {
-  std::string csv = "frame,lat_deg,lon_deg,alt_m\n";
-  for (const ImportedFrame& frame : frames) {
-    if (!frame.place) continue;
-    csv += fmt::format("{},{:.8f},{:.8f},{}\n", frame.name, frame.place->lat_deg, frame.place->lon_deg,
-                       cell(frame.alt_m, 2));
-  }
-  return csv;
-}
-
 std::string import_json(const ImportResult& result) {
   nlohmann::json document{{"schema", "nadir.flight-import/1"}, {"frames", result.frames}};
   document["found"] = nlohmann::json::object();
@@ -118,7 +71,8 @@ std::string import_json(const ImportResult& result) {
                                    {"found", finding.found},
                                    {"fix", finding.fix}});
   }
-  return document.dump(2) + "\n";
+  // Names of files may be no UTF-8.
+  return document.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
 }
 
 class FlightImporter {
@@ -474,7 +428,7 @@ class FlightImporter {
     std::stable_sort(frames_.begin(), frames_.end(),
                      [](const ImportedFrame& a, const ImportedFrame& b) { return a.time_s < b.time_s; });
     for (std::size_t i = 1; i < frames_.size(); ++i) {
-      frames_[i].time_s = std::max(frames_[i].time_s, frames_[i - 1].time_s + kMinStep_s);
+      frames_[i].time_s = std::max(frames_[i].time_s, frames_[i - 1].time_s + kMinFrameStep_s);
     }
     if (oblique > 0) {
       warn("import.oblique", count(oblique, "photo"), "a camera that looks down",
@@ -676,111 +630,23 @@ class FlightImporter {
   void take_recording(const fs::path& frames_folder) {
     std::optional<fs::path> folder;
     if (!request_.photos.empty()) folder = request_.photos.front();
-    const RecordedFlight recorded =
-        read_recorded_flight({*request_.recording, request_.session, folder, frames_folder});
     unpacked_ = !folder;
-    std::set<std::string> taken;
-    std::size_t renamed = 0, empty = 0;
-    for (std::size_t i = 0; i < recorded.flight.frames.size(); ++i) {
-      const Telemetry& telemetry = recorded.flight.frames[i];
-      ImportedFrame frame;
-      frame.file = recorded.flight.image_path(i);
-      std::error_code error;
-      if (!fs::is_regular_file(frame.file, error)) {
-        ++empty;
-        continue;
-      }
-      frame.name = recorded_name(telemetry.frame, frame.file, i);
-      renamed += frame.name == telemetry.frame ? 0U : 1U;
-      if (!taken.insert(frame.name).second) {
-        frame.name = fmt::format("{:08}_{}", i, frame.name);
-        taken.insert(frame.name);
-      }
-      frame.time_s = telemetry.time_s;
-      frame.agl_m = telemetry.agl_m;
-      frame.heading_rad = telemetry.heading_rad;
-      frame.pitch_rad = telemetry.pitch_rad;
-      frame.roll_rad = telemetry.roll_rad;
-      frame.imu_dv_mps = whole_velocity_change(telemetry);
-      if (request_.truth) frame.place = telemetry.gps_position;
-      if (!frames_.empty() && frame.time_s <= frames_.back().time_s) frame.time_s = frames_.back().time_s + kMinStep_s;
-      frames_.push_back(std::move(frame));
-    }
-    figure("recording", fmt::format("session {}, {} of {}", recorded.session.id, count(frames_.size(), "frame"),
-                                    recorded.session.airframe));
-    if (empty + recorded.unusable_inputs > 0) {
-      warn("import.recording_gaps", request_.recording->string(), "the images of all frames",
-           fmt::format("{} without one, {} after a gap in the recording", empty, recorded.unusable_inputs),
-           "they are left out; --photos DIR names the folder of the images");
-    }
-    if (renamed > 0) {
-      note("import.names", count(renamed, "frame"), "file names with the extension of an image", "other names",
-           "the extension is added, or the frame's number");
-    }
-    const CameraFile& file = recorded.session.camera;
-    const CameraModel& camera = file.camera;
-    camera_text_ = fmt::format(
-        "# As it was flown: session {}.\nmodel: pinhole\nwidth: {}\nheight: {}\nfx: {}\nfy: {}\ncx: {}\ncy: {}\n"
-        "distortion: [{}, {}, {}, {}, {}]\nuncertainty: {{heading_deg: {}, agl_relative: {}, tilt_deg: {}, imu_dv_mps: "
-        "{}}}\n",
-        printable(recorded.session.id), camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
-        camera.distortion[0], camera.distortion[1], camera.distortion[2], camera.distortion[3], camera.distortion[4],
-        degrees(file.uncertainty.heading_rad), file.uncertainty.agl_relative, degrees(file.uncertainty.tilt_rad),
-        file.uncertainty.imu_dv_mps);
-    figure("camera", fmt::format("as it was flown, fx {:.1f} px", camera.fx));
-    result_.start = recorded.session.start;
-  }
-
-  // Names of a recording may be anything.
-  static std::string recorded_name(const std::string& frame, const fs::path& file, std::size_t index) {
-    const bool plain = !frame.empty() && frame == printable(frame) &&
-                       frame.find_first_of("/\",") == std::string::npos && !frame.starts_with('.') &&
-                       frame.size() < 200;
-    if (plain && has_frame_extension(frame)) return frame;
-    const Bytes head = InputFile(file).read(std::uint64_t{1} << 30);
-    const auto format = sniff_image_format(head);
-    const char* extension = is_tiff(head) ? ".tif" : format == ImageFormat::png ? ".png" : ".jpg";
-    return (plain ? frame : fmt::format("{:08}", index)) + extension;
-  }
-
-  // Of all intervals since the last frame; nothing where one of them is unknown.
-  static std::optional<Eigen::Vector2d> whole_velocity_change(const Telemetry& telemetry) {
-    if (!telemetry.imu_dv_mps) return std::nullopt;
-    Eigen::Vector2d sum = *telemetry.imu_dv_mps;
-    for (const TelemetryInterval& interval : telemetry.intervals) {
-      if (!interval.imu_dv_mps) return std::nullopt;
-      sum += *interval.imu_dv_mps;
-    }
-    return sum;
+    ImportedRecording recording =
+        import_recording({*request_.recording, request_.session, folder, frames_folder}, request_.truth);
+    frames_ = std::move(recording.frames);
+    camera_text_ = std::move(recording.camera_yaml);
+    findings_.add(recording.findings);
+    result_.start = recording.start;
+    figure("recording", recording.text);
   }
 
   // ---- output
 
   void write(const fs::path& folder) {
-    progress_.begin("writing frames", frames_.size(), "frames");
-    for (const ImportedFrame& frame : frames_) {
-      const fs::path target = folder / "frames" / frame.name;
-      std::error_code error;
-      if (unpacked_) {
-        fs::rename(frame.file, target, error);
-      } else if (request_.transfer == FrameTransfer::copy) {
-        fs::copy_file(frame.file, target, error);
-      } else {
-        fs::create_symlink(fs::canonical(frame.file), target, error);
-      }
-      if (error) {
-        throw Error({.what = "cannot write a frame", .where = target.string(), .found = error.message()});
-      }
-      progress_.advance();
-    }
-    progress_.end();
-    if (unpacked_) {  // what was left out
-      std::set<std::string> kept;
-      for (const ImportedFrame& frame : frames_) kept.insert(frame.name);
-      for (const auto& entry : fs::directory_iterator(folder / "frames")) {
-        if (!kept.contains(entry.path().filename().string())) fs::remove(entry.path());
-      }
-    }
+    const FrameOrigin origin = unpacked_                                  ? FrameOrigin::unpacked
+                               : request_.transfer == FrameTransfer::copy ? FrameOrigin::copied
+                                                                          : FrameOrigin::linked;
+    write_frames(frames_, origin, folder / "frames", progress_);
     write_file_atomic(folder / "telemetry.csv", telemetry_csv(frames_));
     write_file_atomic(folder / "camera.yaml", camera_text_.empty() ? drafted_camera() : camera_text_);
     const bool truth = std::any_of(frames_.begin(), frames_.end(), [](const auto& one) { return one.place; });

@@ -53,7 +53,8 @@ PhotoFiles list_photos(const std::vector<fs::path>& paths) {
     }
     for (fs::recursive_directory_iterator at(path, error), end; !error && at != end; at.increment(error)) {
       if (at.depth() >= kMaxFolderDepth) at.disable_recursion_pending();
-      if (at->is_regular_file()) add_file(at->path(), found);
+      std::error_code ignored;  // of a link that leads nowhere
+      if (at->is_regular_file(ignored)) add_file(at->path(), found);
     }
     if (error) {
       throw UsageError({.what = "cannot read the photos", .where = path.string(), .found = error.message()});

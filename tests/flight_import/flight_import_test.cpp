@@ -451,6 +451,19 @@ TEST_F(FlightImport, HeicAndWhatIsNoPhotoAreNamed) {
   EXPECT_EQ(imported().frames.size(), 1U);
 }
 
+TEST_F(FlightImport, NamesThatAreNoTextAndLinksThatLeadNowhere) {
+  SamplePhoto photo;
+  photo.xmp = dji_xmp(80, 45, -90);
+  test::write_photo(photos() / "a\xff,\"b\".jpg", photo);
+  folder_.write("photos/\xfe.jpg", "no image");
+  fs::create_symlink("loop.jpg", photos() / "loop.jpg");
+  fs::create_symlink("/nowhere", photos() / "gone.jpg");
+  const ImportResult result = import({});
+  EXPECT_TRUE(finding(result, "import.photo_unreadable"));
+  EXPECT_EQ(imported().frames.at(0).frame, "a?__b_.jpg");
+  EXPECT_EQ(nlohmann::json::parse(read_text_file(out() / "import.json"))["frames"], 1);
+}
+
 TEST_F(FlightImport, LogsThatAreNoneAndEmptyOnes) {
   photograph(triggers_, 0);
   ImportRequest request;
