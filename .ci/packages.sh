@@ -16,7 +16,8 @@ packages_build=(
   libjpeg-dev                # JPEG, decoded at the scale that is needed
   libpng-dev                 # PNG
   libwebp-dev                # WebP tiles
-  libtiff-dev                # COG without GDAL
+  libtiff-dev                # COG without GDAL, frames
+  libexiv2-dev               # EXIF and XMP of photos, for imports of flights
   libeigen3-dev              # linear algebra
   libceres-dev               # block adjustment; brings glog and SuiteSparse
   libopencv-core-dev         # matrices, DFT; the module packages alone, because libopencv-dev

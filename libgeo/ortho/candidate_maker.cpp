@@ -9,6 +9,7 @@
 #include "base/error.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
+#include "imagery/frame_image.hpp"
 #include "ortho/candidate_sidecar.hpp"
 #include "ortho/image_blur.hpp"
 
@@ -24,7 +25,7 @@ constexpr std::int64_t kFullTurn_mdeg = 360'000;
 // The image in colour, decoded no larger than needed; empty when it is damaged or has another size.
 cv::Mat decoded(ByteView encoded, const CameraModel& camera, int shrink, const std::string& name) {
   try {
-    cv::Mat image = decode_image(encoded, Colour::bgr, name, shrink).image;
+    cv::Mat image = decode_frame(encoded, Colour::bgr, name, shrink);
     if (image.cols == camera.width / shrink && image.rows == camera.height / shrink) return image;
   } catch (const Error&) {
     // Frames are damaged in transit now and then; this one makes no tiles.

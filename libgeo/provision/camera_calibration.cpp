@@ -13,7 +13,7 @@
 #include "base/error.hpp"
 #include "base/yaml.hpp"
 #include "geodesy/angles.hpp"
-#include "imagery/codecs.hpp"
+#include "imagery/frame_image.hpp"
 #include "replay/flight_folder.hpp"
 #include "vision/camera.hpp"
 
@@ -37,12 +37,12 @@ std::vector<std::filesystem::path> images_of(const std::filesystem::path& folder
   }
   std::vector<std::filesystem::path> images;
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
-    if (entry.is_regular_file() && has_image_extension(entry.path())) images.push_back(entry.path());
+    if (entry.is_regular_file() && has_frame_extension(entry.path())) images.push_back(entry.path());
   }
   if (images.empty()) {
     throw UsageError({.what = "the folder has no images",
                       .where = folder,
-                      .expected = "JPEG or PNG files of a checkerboard",
+                      .expected = "JPEG, PNG or TIFF files of a checkerboard",
                       .found = "none"});
   }
   std::ranges::sort(images);
@@ -52,7 +52,7 @@ std::vector<std::filesystem::path> images_of(const std::filesystem::path& folder
 void find_in(const std::filesystem::path& path, const Board& board, BoardImages& result) {
   cv::Mat grey;
   try {
-    grey = read_image_file(path, Colour::grey);
+    grey = read_frame_file(path, Colour::grey);
   } catch (const Error& error) {
     result.rejected.push_back({path.filename(), "damaged: " + error.text().what});
     return;

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <optional>
 #include <set>
@@ -13,9 +12,8 @@
 #include "base/csv.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/input_file.hpp"
 #include "geodesy/angles.hpp"
-#include "imagery/codecs.hpp"
+#include "imagery/frame_image.hpp"
 #include "vision/camera_frame.hpp"
 
 namespace nadir {
@@ -32,19 +30,23 @@ std::set<std::string> images_in(const fs::path& folder) {
                       .found = fs::exists(folder, error) ? "no folder" : "nothing"});
   }
   std::set<std::string> names;
+  std::optional<fs::path> heic;
   for (const auto& entry : fs::directory_iterator(folder)) {
-    if (entry.is_regular_file() && has_image_extension(entry.path())) names.insert(entry.path().filename().string());
+    if (!entry.is_regular_file()) continue;
+    if (has_frame_extension(entry.path())) names.insert(entry.path().filename().string());
+    if (has_heic_extension(entry.path())) heic = entry.path();
   }
   if (names.empty()) {
+    if (heic) reject_heic(heic->string());
     throw UsageError({.what = "the folder of frames has no images",
                       .where = folder.string(),
-                      .expected = "files ending in .jpg, .jpeg or .png"});
+                      .expected = "files ending in .jpg, .jpeg, .png, .tif or .tiff"});
   }
   return names;
 }
 
 void check_size(const fs::path& path, const CameraModel& camera, const fs::path& camera_path) {
-  const ImageSize size = read_image_size(path);
+  const FrameSize size = read_frame_size(path);
   if (size.width == camera.width && size.height == camera.height) return;
   throw UsageError(
       {.what = "the image does not come from this camera",
@@ -64,6 +66,7 @@ Flight read_flight(const FlightPaths& paths) {
   const std::set<std::string> images = images_in(paths.frames);
   for (const Telemetry& row : flight.frames) {
     if (!images.contains(row.frame)) {
+      if (has_heic_extension(row.frame)) reject_heic((paths.frames / row.frame).string());
       throw UsageError({.what = fmt::format("the telemetry names a frame that is missing: {}", row.frame),
                         .where = paths.telemetry.string(),
                         .expected = fmt::format("an image of that name in {}", paths.frames.string()),
@@ -75,39 +78,9 @@ Flight read_flight(const FlightPaths& paths) {
   return flight;
 }
 
-namespace {
-
-constexpr std::size_t kHeaderBytes = std::size_t{1} << 18;  // enough for the header of nearly every image
-
-ImageInfo read_info(const std::filesystem::path& path) {
-  const InputFile file(path);
-  Bytes head(std::min<std::uint64_t>(kHeaderBytes, file.size()));
-  file.read_at(0, head);
-  try {
-    return read_image_info(head, path.string());
-  } catch (const Error&) {
-    if (head.size() < kHeaderBytes) throw;
-    return read_image_info(file.read(std::uint64_t{1} << 30), path.string());
-  }
-}
-
-}  // namespace
-
-bool has_image_extension(const std::filesystem::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension == ".jpg" || extension == ".jpeg" || extension == ".png";
-}
-
-ImageSize read_image_size(const std::filesystem::path& path) {
-  const ImageInfo info = read_info(path);
-  return {info.width, info.height};
-}
-
 cv::Mat read_grey_image(const std::filesystem::path& path, int shrink) {
   try {
-    return read_image_file(path, Colour::grey, shrink);
+    return read_frame_file(path, Colour::grey, shrink);
   } catch (const Error&) {
     return {};
   }

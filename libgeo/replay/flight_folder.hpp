@@ -39,16 +39,6 @@ Flight read_flight(const FlightPaths& paths);
 // The table alone (frames' names are checked for form, not for existence).
 std::vector<Telemetry> read_telemetry(const std::filesystem::path& path);
 
-struct ImageSize {
-  int width = 0;   // pixels
-  int height = 0;  // pixels
-};
-
-bool has_image_extension(const std::filesystem::path& path);  // .jpg .jpeg .png in any case
-
-// Throws UsageError for a file whose header cannot be read.
-ImageSize read_image_size(const std::filesystem::path& path);
-
 // CV_8UC1 of the file's size divided by `shrink` (1, 2, 4, 8); empty when the file is damaged: the localizer then
 // rejects the frame.
 cv::Mat read_grey_image(const std::filesystem::path& path, int shrink = 1);

@@ -5,7 +5,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "base/error.hpp"
-#include "imagery/codecs.hpp"
+#include "imagery/frame_image.hpp"
 #include "vision/oriented_channels.hpp"
 
 namespace nadir {
@@ -45,9 +45,9 @@ int decode_reduction(int width, int height) {
 cv::Mat decode_camera_frame(ByteView encoded, const CameraModel& camera, int reduction, const DecodeBudget& budget) {
   const auto reduced = [reduction](int side) { return (side + reduction - 1) / reduction; };
   try {
-    const ImageInfo info = read_image_info(encoded, "frame");
+    const FrameSize info = read_frame_size(encoded, "frame");
     if (reduced(info.width) != camera.width || reduced(info.height) != camera.height) return {};
-    return decode_image(encoded, Colour::grey, "frame", reduction, budget).image;
+    return decode_frame(encoded, Colour::grey, "frame", reduction, budget);
   } catch (const Error&) {
     return {};
   }

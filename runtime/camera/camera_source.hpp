@@ -32,7 +32,7 @@ struct RawPixels {
 struct CameraFrame {
   std::string name;              // file name, or a sequence number
   double time_s = 0;             // monotonic, on arrival
-  Bytes bytes;                   // an encoded image (JPEG, PNG, WebP), or pixels
+  Bytes bytes;                   // an encoded image (JPEG, PNG, WebP, TIFF), or pixels
   std::optional<RawPixels> raw;  // the layout when bytes are pixels
 };
 

@@ -22,6 +22,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "imagery/frame_image.hpp"
 
 namespace nadir {
 
@@ -145,6 +146,7 @@ bool is_complete_image(ByteView bytes) {
   const std::string_view text = as_text(bytes);
   if (text.starts_with("\xff\xd8\xff"sv)) return ends_with_marker(bytes, "\xff\xd9"sv);
   if (text.starts_with("\x89PNG\r\n\x1a\n"sv)) return ends_with_marker(bytes, "IEND\xae\x42\x60\x82"sv);
+  if (is_tiff(bytes)) return is_complete_tiff(bytes);
   if (text.starts_with("RIFF"sv) && text.substr(8).starts_with("WEBP"sv)) return is_complete_webp(bytes);
   return false;
 }
@@ -154,7 +156,7 @@ bool has_image_name(const std::filesystem::path& name) {
   std::string extension = name.extension();
   std::transform(extension.begin(), extension.end(), extension.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  constexpr std::array kKnown{".jpg"sv, ".jpeg"sv, ".png"sv, ".webp"sv};
+  constexpr std::array kKnown{".jpg"sv, ".jpeg"sv, ".png"sv, ".webp"sv, ".tif"sv, ".tiff"sv};
   return !file.starts_with('.') && std::find(kKnown.begin(), kKnown.end(), extension) != kKnown.end();
 }
 

@@ -17,11 +17,11 @@
 
 namespace nadir {
 
-// Whether these bytes are a complete JPEG, PNG or WebP, by the markers at its begin and end. Nothing is decoded: this
-// detects truncation, not damage inside. Bytes after the end are ignored, as decoders do.
+// Whether these bytes are a complete JPEG, PNG, WebP or TIFF, by the markers at its begin and end, or its directory.
+// Nothing is decoded: this detects truncation, not damage inside. Bytes after the end are ignored, as decoders do.
 bool is_complete_image(ByteView bytes);
 
-// Whether a file of this name counts as an image: .jpg, .jpeg, .png, .webp in any case, and not hidden.
+// Whether a file of this name counts as an image: .jpg, .jpeg, .png, .webp, .tif, .tiff in any case, and not hidden.
 bool has_image_name(const std::filesystem::path& name);
 
 class FolderWatch;

@@ -8,7 +8,7 @@
 #include <set>
 
 #include "cli/terminal.hpp"
-#include "imagery/codecs.hpp"
+#include "imagery/frame_image.hpp"
 #include "mavlink/link.hpp"
 
 namespace nadir {
@@ -21,7 +21,7 @@ constexpr double kHelloPeriod_s = 1;
 std::optional<std::pair<int, int>> size_of(const CameraFrame& frame) {
   if (frame.raw) return std::pair(frame.raw->width, frame.raw->height);
   try {
-    const cv::Mat image = decode_image(frame.bytes, Colour::grey, frame.name).image;
+    const cv::Mat image = decode_frame(frame.bytes, Colour::grey, frame.name);
     return std::pair(image.cols, image.rows);
   } catch (const Error&) {
     return std::nullopt;

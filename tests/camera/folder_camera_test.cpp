@@ -16,6 +16,7 @@
 #include "imagery/codecs.hpp"
 #include "support/manual_clock.hpp"
 #include "support/temporary_folder.hpp"
+#include "support/tiff_writer.hpp"
 
 namespace nadir {
 namespace {
@@ -255,6 +256,17 @@ TEST(CompleteImage, DetectsEveryTruncation) {
     for (std::size_t size = 0; size < bytes.size(); ++size) {
       ASSERT_FALSE(is_complete_image(ByteView(bytes).first(size))) << name_of(format) << " " << size;
     }
+  }
+}
+
+TEST(CompleteImage, TiffIsCompleteWithItsLastStrip) {
+  const test::TemporaryFolder folder;
+  test::write_tiff(folder / "a.tif", cv::Mat(60, 80, CV_8UC1, cv::Scalar(70)));
+  const Bytes bytes = read_file(folder / "a.tif");
+  EXPECT_TRUE(has_image_name("a.TIF"));
+  ASSERT_TRUE(is_complete_image(bytes));
+  for (std::size_t size = 0; size < bytes.size(); ++size) {
+    ASSERT_FALSE(is_complete_image(ByteView(bytes).first(size))) << size;
   }
 }
 

@@ -59,6 +59,10 @@ const std::vector<Target>& targets() {
                                        {"http_date", fuzz::http_date},
                                        {"outbox", fuzz::outbox},
                                        {"outbox_rows", fuzz::outbox_rows},
+                                       {"dataflash", fuzz::dataflash},
+                                       {"ulog", fuzz::ulog},
+                                       {"tlog", fuzz::tlog},
+                                       {"photo_metadata", fuzz::photo_metadata},
                                        {"mavlink", fuzz::mavlink},
                                        {"mcap", fuzz::mcap}};
   return all;

@@ -29,7 +29,7 @@ void poses(std::string_view bytes);
 void terrain(std::string_view bytes);
 void matchability(std::string_view bytes);
 void vrt(std::string_view bytes);      // and what it names, before GDAL sees it
-void picture(std::string_view bytes);  // JPEG, PNG, WebP
+void picture(std::string_view bytes);  // JPEG, PNG, WebP, TIFF
 
 void mbtiles(std::string_view bytes);    // a file's bytes
 void tile_rows(std::string_view bytes);  // rows of a sound SQLite file, in any types
@@ -53,6 +53,11 @@ void audit(std::string_view bytes);           // what a caller sends, in the aud
 void http_date(std::string_view bytes);
 void outbox(std::string_view bytes);       // a file's bytes
 void outbox_rows(std::string_view bytes);  // rows of an outbox that is otherwise sound, in any types
+
+void dataflash(std::string_view bytes);       // a log of ArduPilot
+void ulog(std::string_view bytes);            // a log of PX4
+void tlog(std::string_view bytes);            // a log of a ground station
+void photo_metadata(std::string_view bytes);  // EXIF and XMP
 
 void mavlink(std::string_view bytes);  // a stream from the autopilot
 

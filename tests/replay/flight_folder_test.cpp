@@ -12,6 +12,7 @@
 #include "imagery/codecs.hpp"
 #include "replay/score.hpp"
 #include "support/temporary_folder.hpp"
+#include "support/tiff_writer.hpp"
 
 namespace nadir {
 namespace {
@@ -49,6 +50,26 @@ class FlightFolder : public ::testing::Test {
 
   test::TemporaryFolder folder_;
 };
+
+TEST_F(FlightFolder, ReadsTiffFrames) {
+  const cv::Mat image(48, 64, CV_8UC3, cv::Scalar(90, 120, 60));
+  test::write_tiff(folder_ / "frames" / "c.tif", image);
+  telemetry("a.jpg,0.0,120,90,1.5,-2\nc.tif,1.5,121,,,\n");
+  const Flight flight = read();
+  ASSERT_EQ(flight.frames.size(), 2U);
+  const cv::Mat grey = read_flight_image(flight.image_path(1), flight.camera.camera, 1);
+  ASSERT_EQ(grey.size(), cv::Size(64, 48));
+  EXPECT_NEAR(grey.at<std::uint8_t>(5, 5), 0.114 * 90 + 0.587 * 120 + 0.299 * 60, 1);
+}
+
+TEST_F(FlightFolder, HeicIsNamedAndNotMissing) {
+  folder_.write("frames/c.HEIC", "");
+  telemetry("a.jpg,0.0,120,90,1.5,-2\nc.HEIC,1.5,121,,,\n");
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("HEIC is not supported: convert to JPEG"));
+  fs::remove(folder_ / "frames/a.jpg");
+  fs::remove(folder_ / "frames/b.jpg");
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("HEIC is not supported: convert to JPEG"));
+}
 
 TEST_F(FlightFolder, ReadsRowsWithUnknownCells) {
   const Flight flight = read();

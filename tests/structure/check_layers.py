@@ -35,6 +35,7 @@ ALLOWED = {
     "report": "",
     "verify_request": "base package cli",
     "nadird_client": "base http cli",
+    "flight_import": "base geodesy imagery vision mavlink replay camera",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
     "raster": "base geodesy imagery package",
@@ -45,24 +46,25 @@ ALLOWED = {
     "simulation": "base geodesy imagery package vision raster",
     # the aircraft
     "service": "base geodesy estimation",
-    "camera": "base service",
+    "camera": "base imagery service",
     "api": "base geodesy imagery package vision estimation http service",
     "flight": "base geodesy imagery trust package vision estimation ortho recorder mavlink fixes cli api camera service",
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
     "commands": "base geodesy imagery trust package vision estimation ortho recorder flights replay mavlink upload raster package_build catalogue "
-                "simulation provision cli report verify_request nadird_client",
+                "simulation provision flight_import cli report verify_request nadird_client",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }
 # Libraries that no header may include, and those that only the named folders may include at all.
-HEAVY_IN_HEADERS = re.compile(r"^(ceres/|gdal|ogr|cpl_|faiss/|CLI/|boost/beast|nlohmann/json\.hpp$|proj\.h$)")
+HEAVY_IN_HEADERS = re.compile(r"^(ceres/|exiv2/|gdal|ogr|cpl_|faiss/|CLI/|boost/beast|nlohmann/json\.hpp$|proj\.h$)")
 ONLY_IN = [
     (re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"raster", "package_build", "catalogue", "candidates", "simulation", "commands"}),
     (re.compile(r"^curl/"), {"upload"}),
     (re.compile(r"^CLI/"), {"cli"}),
     (re.compile(r"^faiss/"), {"vision"}),
     (re.compile(r"^ceres/"), {"adjustment"}),
+    (re.compile(r"^exiv2/"), {"flight_import"}),
 ]
 TYPE = re.compile(r"^(?:struct|class|enum class) (\w+)(?: final)?(?:\s*:(?!:)[^{;]*)?\s*\{", re.MULTILINE)
 INCLUDE = re.compile(r'^\s*#\s*include\s+["<]([^">]+)[">]')

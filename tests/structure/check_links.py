@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 FORBIDDEN = re.compile(
-    r"^lib(gdal|proj|spatialite|curl|curl-gnutls|opencv_highgui|opencv_imgcodecs|opencv_videoio)\.so")
+    r"^lib(gdal|exiv2|proj|spatialite|curl|curl-gnutls|opencv_highgui|opencv_imgcodecs|opencv_videoio)\.so")
 
 
 @functools.cache
