@@ -1,13 +1,8 @@
 #include "flights/flight_store.hpp"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/file.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <array>
-#include <cerrno>
 #include <cmath>
 #include <map>
 #include <mutex>
@@ -26,90 +21,6 @@ namespace nadir {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr std::int64_t kApplication = 0x4E44464C;  // "NDFL"
-constexpr const char* kLockFile = "lock";
-
-// SQLite keeps each statement as it stands here, and opening compares them: a changed blank is another version.
-// Columns in units of their names; lat_deg and lon_deg WGS 84; times in milliseconds since 1970, UTC.
-constexpr std::array kTables{
-    "CREATE TABLE flight (id INTEGER PRIMARY KEY CHECK (id = 1), name TEXT NOT NULL, package TEXT NOT NULL, "
-    "camera TEXT NOT NULL, start_lat_deg REAL, start_lon_deg REAL, created_ms INTEGER NOT NULL, "
-    "outside TEXT, session BLOB NOT NULL) STRICT",
-
-    "CREATE TABLE picture (id INTEGER PRIMARY KEY AUTOINCREMENT, frame INTEGER UNIQUE, name TEXT NOT NULL, "
-    "file TEXT NOT NULL, sha256 BLOB, bytes INTEGER, width INTEGER, height INTEGER, time_s REAL, telemetry BLOB, "
-    "state TEXT NOT NULL CHECK (state IN ('accepted', 'processed', 'refused')), reason TEXT NOT NULL, "
-    "CHECK ((state = 'refused') = (frame IS NULL))) STRICT",
-    "CREATE UNIQUE INDEX picture_by_name ON picture (name) WHERE frame IS NOT NULL",
-    "CREATE INDEX picture_by_sha256 ON picture (sha256) WHERE frame IS NOT NULL",
-
-    "CREATE TABLE measurement (frame INTEGER PRIMARY KEY REFERENCES picture (frame), answers BLOB NOT NULL) STRICT",
-    "CREATE TABLE look (frame INTEGER PRIMARY KEY REFERENCES picture (frame), seen BLOB NOT NULL, "
-    "map BLOB NOT NULL) STRICT",
-
-    "CREATE TABLE estimate (frame INTEGER NOT NULL REFERENCES picture (frame), "
-    "kind TEXT NOT NULL CHECK (kind IN ('online', 'refined', 'adjusted')), lat_deg REAL, lon_deg REAL, "
-    "sigma_m REAL, cov_ee_m2 REAL, cov_en_m2 REAL, cov_nn_m2 REAL, hpl_m REAL, source TEXT NOT NULL, "
-    "segment INTEGER NOT NULL, verdict TEXT NOT NULL, latency_ms REAL, record BLOB NOT NULL, anchor BLOB, "
-    "PRIMARY KEY (frame, kind)) STRICT",
-
-    "CREATE TABLE segment (segment INTEGER PRIMARY KEY, first_frame INTEGER NOT NULL, last_frame INTEGER NOT NULL, "
-    "state TEXT NOT NULL CHECK (state IN ('floating', 'anchored', 'merged')), anchored_frame INTEGER) STRICT",
-
-    "CREATE TABLE fix (id INTEGER PRIMARY KEY AUTOINCREMENT, before_frame INTEGER NOT NULL, lat_deg REAL NOT NULL, "
-    "lon_deg REAL NOT NULL, radius_m REAL NOT NULL, author TEXT NOT NULL, time_ms INTEGER NOT NULL) STRICT",
-
-    "CREATE TABLE event (id INTEGER PRIMARY KEY AUTOINCREMENT, time_ms INTEGER NOT NULL, kind TEXT NOT NULL, "
-    "frame INTEGER, body TEXT NOT NULL) STRICT"};
-
-int take_lock(const fs::path& folder) {
-  const fs::path path = folder / kLockFile;
-  const int lock = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644);
-  if (lock < 0) {
-    throw Error({.what = "cannot write to the flight",
-                 .where = path.string(),
-                 .found = system_error_text(errno),
-                 .fix = "check the owner of the folder, and its disk"});
-  }
-  if (::flock(lock, LOCK_EX | LOCK_NB) == 0) return lock;
-  ::close(lock);
-  throw UsageError({.what = "another process is using this flight",
-                    .where = folder.string(),
-                    .fix = "wait for it to end, or end it: what it has stored is kept"});
-}
-
-std::int64_t pragma(const SqliteDatabase& database, const char* name) {
-  auto statement = database.prepare(fmt::format("PRAGMA {}", name));
-  return statement.step() ? statement.integer(0) : 0;
-}
-
-bool is_empty(const SqliteDatabase& database) { return !database.prepare("SELECT 1 FROM sqlite_master").step(); }
-
-void create_tables(const SqliteDatabase& database) {
-  database.execute(fmt::format("PRAGMA application_id = {}", kApplication));
-  database.execute(fmt::format("PRAGMA user_version = {}", kFlightStoreVersion));
-  for (const char* table : kTables) database.execute(table);
-}
-
-// A flight may come from somebody else: no view or trigger of theirs runs here.
-void check_tables(const SqliteDatabase& database) {
-  std::set<std::string> missing(kTables.begin(), kTables.end());
-  auto rows = database.prepare(
-      "SELECT sql FROM sqlite_master WHERE sql IS NOT NULL AND name NOT LIKE 'sqlite\\_%' "
-      "ESCAPE '\\'");
-  std::string found;
-  while (rows.step()) {
-    if (missing.erase(std::string(rows.text(0))) == 0) found = "also " + printable(rows.text(0).substr(0, 80));
-  }
-  if (found.empty() && !missing.empty()) found = "no " + missing.begin()->substr(0, 80);
-  if (found.empty()) return;
-  throw UsageError({.what = "this is not a flight as Nadir stores it",
-                    .where = database.path().string(),
-                    .expected = fmt::format("the tables of version {}", kFlightStoreVersion),
-                    .found = found,
-                    .fix = "it was modified: get it from its origin"});
-}
 
 [[noreturn]] void refuse_damaged(const fs::path& where, std::string found) {
   throw Error({.what = "the stored flight is damaged",
@@ -206,33 +117,17 @@ bool same_flight(const FlightDescription& one, const FlightDescription& other) {
 }
 
 struct FlightStore::Impl {
-  Impl(fs::path flight_folder, FlightStoreOptions store_options)
-      : folder(std::move(flight_folder)), options(std::move(store_options)) {}
-  ~Impl() {
-    database.reset();
-    if (lock >= 0) ::close(lock);
-  }
-  Impl(const Impl&) = delete;
-  Impl& operator=(const Impl&) = delete;
+  Impl(fs::path flight_folder, FlightStoreOptions store_options, std::unique_ptr<FlightDatabase> flight_database)
+      : folder(std::move(flight_folder)),
+        options(std::move(store_options)),
+        file(std::move(flight_database)),
+        database(&file->sql()) {}
 
   // The following expect `mutex` to be held.
   template <typename Work>
   void transaction(std::string_view name, const Work& work) {
-    database->execute("BEGIN IMMEDIATE");
-    try {
-      work();
-      if (options.hook) options.hook(name, false);
-      database->execute("COMMIT");
-    } catch (...) {
-      try {
-        database->execute("ROLLBACK");
-      } catch (const Error&) {  // SQLite has done it already; what went wrong first is what matters
-      }
-      throw;
-    }
-    if (options.hook) options.hook(name, true);
+    file->transaction(name, work);
   }
-  void configure();
   void insert_flight(const FlightDescription& flight, UtcMillis now);
   void load();
   void remove_unknown_pictures() const;
@@ -247,10 +142,10 @@ struct FlightStore::Impl {
 
   fs::path folder;  // empty: in memory
   FlightStoreOptions options;
-  int lock = -1;
   std::mutex intake;         // one batch at a time; taken before `mutex`
   mutable std::mutex mutex;  // of all that follows
-  std::unique_ptr<SqliteDatabase> database;
+  std::unique_ptr<FlightDatabase> file;
+  const SqliteDatabase* database;
   FlightDescription description;
   std::optional<fs::path> outside;  // where the pictures lie that are not kept here
   std::size_t accepted = 0, processed = 0;
@@ -272,16 +167,10 @@ std::int64_t signed_of(std::uint64_t number) { return static_cast<std::int64_t>(
 FlightStore::FlightStore(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 FlightStore::~FlightStore() = default;
 
-bool FlightStore::exists(const fs::path& folder) {
-  const fs::path file = folder / kFlightFile;
-  std::error_code code;
-  if (!fs::is_regular_file(fs::symlink_status(file, code))) return false;
-  return !is_empty(SqliteDatabase::open_writable(file));
-}
+bool FlightStore::exists(const fs::path& folder) { return FlightDatabase::exists(folder); }
 
 std::unique_ptr<FlightStore> FlightStore::create(const fs::path& folder, const FlightDescription& description,
                                                  UtcMillis now, const FlightStoreOptions& options) {
-  auto impl = std::make_unique<Impl>(folder, options);
   std::error_code code;
   fs::create_directories(folder / kPicturesFolder, code);
   if (code) {
@@ -290,79 +179,44 @@ std::unique_ptr<FlightStore> FlightStore::create(const fs::path& folder, const F
                  .found = code.message(),
                  .fix = "check the owner of the folder above it, and its disk"});
   }
-  impl->lock = take_lock(folder);
-  impl->database = std::make_unique<SqliteDatabase>(SqliteDatabase::open_writable(folder / kFlightFile));
-  if (!is_empty(*impl->database)) {
-    throw UsageError({.what = "there is a flight already",
-                      .where = folder.string(),
-                      .expected = "a new folder",
-                      .fix = "choose another folder, or open that flight"});
-  }
-  impl->database->execute("PRAGMA journal_mode = WAL");
-  impl->configure();
-  impl->transaction("create", [&] {
-    create_tables(*impl->database);
-    impl->insert_flight(description, now);
-  });
+  auto file = std::make_unique<FlightDatabase>(folder, FlightDatabase::Access::create, options.sync, options.hook);
+  auto impl = std::make_unique<Impl>(folder, options, std::move(file));
+  impl->insert_flight(description, now);
   sync_to_disk(folder);
   impl->load();
   return std::unique_ptr<FlightStore>(new FlightStore(std::move(impl)));
 }
 
 std::unique_ptr<FlightStore> FlightStore::open(const fs::path& folder, const FlightStoreOptions& options) {
-  const fs::path file = folder / kFlightFile;
-  std::error_code code;
-  if (!fs::is_regular_file(fs::symlink_status(file, code))) {
-    throw UsageError({.what = "there is no flight",
-                      .where = folder.string(),
-                      .expected = fmt::format("a folder with {}", kFlightFile)});
-  }
-  auto impl = std::make_unique<Impl>(folder, options);
-  impl->lock = take_lock(folder);
-  impl->database = std::make_unique<SqliteDatabase>(SqliteDatabase::open_writable(file));
-  const std::int64_t version = pragma(*impl->database, "user_version");
-  if (pragma(*impl->database, "application_id") != kApplication || version != kFlightStoreVersion) {
-    throw UsageError({.what = "this is not a flight of this version",
-                      .where = file.string(),
-                      .expected = fmt::format("a flight of version {}", kFlightStoreVersion),
-                      .found = version > kFlightStoreVersion ? fmt::format("version {}", version) : "another database",
-                      .fix = "use the nadir that created it"});
-  }
-  check_tables(*impl->database);
-  impl->configure();
+  auto file = std::make_unique<FlightDatabase>(folder, FlightDatabase::Access::open, options.sync, options.hook);
+  auto impl = std::make_unique<Impl>(folder, options, std::move(file));
   impl->load();
   impl->remove_unknown_pictures();
   return std::unique_ptr<FlightStore>(new FlightStore(std::move(impl)));
 }
 
 std::unique_ptr<FlightStore> FlightStore::in_memory(const FlightDescription& description, UtcMillis now) {
-  auto impl = std::make_unique<Impl>(fs::path(), FlightStoreOptions{});
-  impl->database = std::make_unique<SqliteDatabase>(SqliteDatabase::in_memory());
-  impl->transaction("create", [&] {
-    create_tables(*impl->database);
-    impl->insert_flight(description, now);
-  });
+  auto impl = std::make_unique<Impl>(fs::path(), FlightStoreOptions{}, std::make_unique<FlightDatabase>());
+  impl->insert_flight(description, now);
   impl->load();
   return std::unique_ptr<FlightStore>(new FlightStore(std::move(impl)));
 }
 
-void FlightStore::Impl::configure() {
-  database->execute("PRAGMA foreign_keys = ON");
-  database->execute(options.sync == StoreSync::every_commit ? "PRAGMA synchronous = FULL"
-                                                            : "PRAGMA synchronous = NORMAL");
-}
-
+// With the tables, in one transaction: a kill leaves an empty file, in which the flight can be created again.
 void FlightStore::Impl::insert_flight(const FlightDescription& flight, UtcMillis now) {
-  const Bytes session = encode(Record(flight.session));
-  const std::optional<LonLat>& start = flight.session.start;
-  auto insert = database->prepare(
-      "INSERT INTO flight (id, name, package, camera, start_lat_deg, start_lon_deg, created_ms, session) "
-      "VALUES (1, ?, ?, ?, ?, ?, ?, ?)");
-  insert.bind(1, flight.name).bind(2, flight.package).bind(3, flight.camera_text);
-  insert.bind_real(4, start ? std::optional(start->lat_deg) : std::nullopt);
-  insert.bind_real(5, start ? std::optional(start->lon_deg) : std::nullopt);
-  insert.bind(6, now.unix_ms).bind(7, ByteView(session)).run();
-  insert_event({FlightEventKind::flight_created, std::nullopt, json_text({{"name", flight.name}})}, now);
+  transaction("create", [&] {
+    file->create_tables();
+    const Bytes session = encode(Record(flight.session));
+    const std::optional<LonLat>& start = flight.session.start;
+    auto insert = database->prepare(
+        "INSERT INTO flight (id, name, package, camera, start_lat_deg, start_lon_deg, created_ms, session) "
+        "VALUES (1, ?, ?, ?, ?, ?, ?, ?)");
+    insert.bind(1, flight.name).bind(2, flight.package).bind(3, flight.camera_text);
+    insert.bind_real(4, start ? std::optional(start->lat_deg) : std::nullopt);
+    insert.bind_real(5, start ? std::optional(start->lon_deg) : std::nullopt);
+    insert.bind(6, now.unix_ms).bind(7, ByteView(session)).run();
+    insert_event({FlightEventKind::flight_created, std::nullopt, json_text({{"name", flight.name}})}, now);
+  });
 }
 
 void FlightStore::Impl::load() {

@@ -19,7 +19,6 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -32,6 +31,7 @@
 #include "base/time.hpp"
 #include "estimation/estimate.hpp"
 #include "estimation/telemetry.hpp"
+#include "flights/flight_database.hpp"
 #include "flights/picture_check.hpp"
 #include "flights/segment_tracker.hpp"
 #include "geodesy/lon_lat.hpp"
@@ -39,9 +39,7 @@
 
 namespace nadir {
 
-inline constexpr std::string_view kFlightFile = "flight.sqlite";
 inline constexpr std::string_view kPicturesFolder = "pictures";
-inline constexpr std::int64_t kFlightStoreVersion = 1;
 
 // What a flight is localized with. It never changes.
 struct FlightDescription {
@@ -53,14 +51,6 @@ struct FlightDescription {
 
 // Whether both give the same localizer.
 bool same_flight(const FlightDescription& one, const FlightDescription& other);
-
-enum class StoreSync {
-  every_commit,  // survives a loss of power
-  checkpoints    // survives a kill; a loss of power may cost the last frames, which are then processed again
-};
-
-// Called in a transaction just before it is committed and just after: where tests kill the process.
-using FlightCommitHook = std::function<void(std::string_view transaction, bool committed)>;
 
 struct FlightStoreOptions {
   StoreSync sync = StoreSync::every_commit;
