@@ -175,7 +175,7 @@ TEST_F(LocalizationReplay, HintsAndLateAnchorsReplayBitForBit) {
     fly(localization, moments[1]);
     tiles.open();
     progress_.wait(progress_.looks, 1);
-    EXPECT_NE(last_verdict_, AnchorVerdict::accepted) << "the start is wrong, and nobody had said so";
+    EXPECT_NE(last_verdict_, AnchorVerdict::accepted) << "the start is wrong, and the hint has only made it doubtful";
     tiles.shut();
     fly(localization, moments[2]);  // the hint is heeded
     fly(localization, moments[3]);
@@ -201,7 +201,7 @@ TEST_F(LocalizationReplay, HintsAndLateAnchorsReplayBitForBit) {
   flight.flight.frames.resize(3);
   flight.flight.files.resize(3);
   const Reproduction other = replay(flight);
-  EXPECT_EQ(other.first_other, moments[2].telemetry.frame) << "or the hint was of no account";
+  EXPECT_EQ(other.first_other, moments[1].telemetry.frame) << "or the hint was of no account";
 }
 
 // Half a minute without pictures: what the autopilot telemetry meanwhile is part of what came with the next one.
