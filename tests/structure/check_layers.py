@@ -32,8 +32,10 @@ ALLOWED = {
     "http": "base",
     "cli": "base geodesy",
     "report": "",
+    "map_page": "geodesy imagery http",
     "verify_request": "base package cli",
     "nadird_client": "base http cli",
+    "desk": "base geodesy imagery package vision estimation recorder flights replay http cli report map_page",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
     "raster": "base geodesy imagery package",
@@ -45,12 +47,12 @@ ALLOWED = {
     # the aircraft
     "service": "base geodesy estimation",
     "camera": "base service",
-    "api": "base geodesy imagery package vision estimation http service",
+    "api": "base geodesy imagery package vision estimation http map_page service",
     "flight": "base geodesy imagery trust package vision estimation ortho recorder mavlink fixes cli api camera service",
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
     "commands": "base geodesy imagery trust package vision estimation ortho recorder flights replay mavlink upload raster package_build catalogue "
-                "simulation provision cli report verify_request nadird_client",
+                "simulation provision cli report verify_request nadird_client http desk",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }
