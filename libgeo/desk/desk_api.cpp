@@ -389,7 +389,7 @@ std::variant<std::shared_ptr<HttpAdmission>, ApiResponse> DeskApi::admit(const A
 
 void DeskApi::serve(ApiRequest request, const HttpAdmission& admitted, const ServerCounts&, Respond respond) const {
   const DeskRoute& route = static_cast<const DeskAdmission&>(admitted).route;
-  const auto shared = std::make_shared<ApiRequest>(std::move(request));
+  auto shared = std::make_shared<ApiRequest>(std::move(request));
   const bool taken = queue_.put(lane_of(route), [this, shared, respond, &route]() mutable {
     ApiResponse response = answered(route, *shared);
     shared.reset();
@@ -431,7 +431,7 @@ ApiResponse DeskApi::dispatch(const DeskRoute& route, const ApiRequest& request)
     case DeskPath::leaflet_script: return page_answer(map_page::leaflet_script, "text/javascript; charset=utf-8");
     case DeskPath::leaflet_style: return page_answer(map_page::leaflet_style, "text/css; charset=utf-8");
     case DeskPath::script:
-      return page_answer(fmt::format("{}{}{}", map_page::calls, map_page::map, desk_page::script),
+      return page_answer(fmt::format("{}{}{}{}", desk_page::dom, map_page::calls, map_page::map, desk_page::script),
                          "text/javascript; charset=utf-8");
     default: break;
   }

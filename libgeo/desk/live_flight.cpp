@@ -263,7 +263,11 @@ FlightDescription describe_flight(std::string name, std::string_view camera_text
                       .fix = "give \"start\", or a \"package\""});
   }
   const CameraFile camera = read_camera(YamlNode::parse(camera_text, "camera"));
-  ReplaySetup setup{.frame = package != nullptr ? package->frame : LocalFrame(*start), .start = start};
+  ReplaySetup setup{.frame = package != nullptr ? package->frame : LocalFrame(*start),
+                    .tiles = nullptr,
+                    .start = start,
+                    .integrity_risk = std::nullopt,
+                    .area = std::nullopt};
   if (package != nullptr) {
     const Mission& mission = package->package->mission();
     setup.area = required_region(mission, package->frame).bounds();

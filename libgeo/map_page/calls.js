@@ -1,10 +1,10 @@
 // Calls to the service: with the token when there is one, and the event stream, resumed where it broke off.
 
 const tokenKey = "nadir-token";
-const call = (path, headers = {}, signal = undefined) => {
+const call = (path, headers = {}, signal = undefined, options = {}) => {
   const token = sessionStorage.getItem(tokenKey);
   if (token) headers.Authorization = "Bearer " + token;
-  return fetch(path, { headers, signal, cache: "no-store" });
+  return fetch(path, { headers, signal, cache: "no-store", ...options });
 };
 
 // Several calls may be refused at once; the question is one.
