@@ -50,13 +50,13 @@ class DeskServeCommand final : public Command {
 };
 
 std::string_view DeskServeCommand::details() const {
-  return R"(Serves a page and an API (/v1/openapi.json) on this machine until it is interrupted: pictures arrive in
-batches, positions appear as they are processed, and a person helps where the map does not. DIR
-receives flights/, one folder per flight; packages are found in DIR/packages. Whatever was accepted is
-on the disk: the desk may be killed at any moment and goes on where it was.
+  return R"(Serves a page and an API (/v1/openapi.json) on this machine until it is interrupted: pictures
+arrive in batches, positions appear as they are processed, and a person helps where the map does not.
+DIR receives flights/, one folder per flight; packages are found in DIR/packages. Whatever was
+accepted is on the disk: the desk may be killed at any moment and goes on where it was.
 
-It does not speak TLS, and answers to loopback names only. Beyond this machine it needs a token, and a
-proxy that does speak TLS.)";
+It does not speak TLS, and answers to loopback names only. Beyond this machine it needs a token, and
+a proxy that does speak TLS.)";
 }
 
 std::string_view DeskServeCommand::examples() const {
