@@ -46,7 +46,9 @@ const makePackageTiles = (pack) => {
     },
   });
   const [west, south, east, north] = pack.bounds;
-  const tiles = new Tiles({ minNativeZoom: pack.zooms.min, maxNativeZoom: pack.zooms.max, minZoom: 3, maxZoom: 22, keepBuffer: 1,
+  // Farther out, Leaflet would go through the tiles of all that the window shows, at the least zoom that there is.
+  const farthest = Math.max(0, pack.zooms.min - 3);
+  const tiles = new Tiles({ minNativeZoom: pack.zooms.min, maxNativeZoom: pack.zooms.max, minZoom: farthest, maxZoom: 22, keepBuffer: 1,
                             bounds: [[south, west], [north, east]] });
   tiles.on("tileunload", ({ tile }) => tile.stop());
   return tiles;
