@@ -19,8 +19,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
-constexpr auto kSmooth = test::Course::smooth;
-
 class DeskApiTest : public test::DeskFixture {
  protected:
   DeskApiTest() { open(); }
@@ -39,7 +37,7 @@ class DeskApiTest : public test::DeskFixture {
 
 TEST_F(DeskApiTest, PicturesBecomeATrack) {
   const std::string flight = create();
-  const auto pictures = test::flight_pictures(kSmooth);
+  const auto pictures = test::flight_pictures(test::Course::smooth);
   const ApiResponse sent = send(flight, pictures);
   ASSERT_EQ(sent.status, 200) << sent.body;
   EXPECT_EQ(json(sent)["accepted"], pictures.size());
@@ -73,7 +71,7 @@ TEST_F(DeskApiTest, PicturesBecomeATrack) {
 // The same pictures give the same bytes as a flight of the library, and so as `nadir replay`.
 TEST_F(DeskApiTest, EstimatesAreThoseOfTheLibrary) {
   const std::string flight = create();
-  auto pictures = test::flight_pictures(kSmooth);
+  auto pictures = test::flight_pictures(test::Course::smooth);
   const std::vector<EncodedPicture> first(pictures.begin(), pictures.begin() + 2),
       rest(pictures.begin() + 2, pictures.end());
   send(flight, first);
@@ -109,7 +107,7 @@ TEST_F(DeskApiTest, EstimatesAreThoseOfTheLibrary) {
 
 TEST_F(DeskApiTest, EachPictureOfABatchHasAnAnswer) {
   const std::string flight = create();
-  auto pictures = test::flight_pictures(kSmooth);
+  auto pictures = test::flight_pictures(test::Course::smooth);
   std::reverse(pictures.begin(), pictures.end());  // in any order
   EncodedPicture without_row = test::plain_picture(7), empty = pictures[0];
   without_row.name = "no-row.jpg";
@@ -135,7 +133,7 @@ TEST_F(DeskApiTest, EachPictureOfABatchHasAnAnswer) {
 
 TEST_F(DeskApiTest, TakesOnePictureWithItsTelemetryInTheQuery) {
   const std::string flight = create();
-  const auto pictures = test::flight_pictures(kSmooth);
+  const auto pictures = test::flight_pictures(test::Course::smooth);
   const std::string body(as_text(pictures[0].bytes));
   const auto answer = call(post(flight + "/pictures?name=a%20b.png&time_s=1.5&agl_m=100", body, "image/png"));
   EXPECT_EQ(json(answer)["pictures"][0]["outcome"], "accepted") << answer.body;
@@ -159,7 +157,7 @@ TEST_F(DeskApiTest, TakesOnePictureWithItsTelemetryInTheQuery) {
 
 TEST_F(DeskApiTest, TelemetryMayBeJson) {
   const std::string flight = create();
-  const auto pictures = test::flight_pictures(kSmooth);
+  const auto pictures = test::flight_pictures(test::Course::smooth);
   const std::vector<EncodedPicture> one(pictures.begin(), pictures.begin() + 1);
   const auto with = [&](const nlohmann::json& telemetry) {
     const test::BatchBody body = test::batch_of(one, telemetry.dump(), "application/json");
@@ -175,7 +173,7 @@ TEST_F(DeskApiTest, TelemetryMayBeJson) {
 
 TEST_F(DeskApiTest, HostileBatchesLeaveNothing) {
   const std::string flight = create();
-  const auto pictures = test::flight_pictures(kSmooth);
+  const auto pictures = test::flight_pictures(test::Course::smooth);
   const test::BatchBody good = test::batch_of(pictures, test::telemetry_csv(pictures));
   const auto sent = [&](std::string body, const std::string& type) {
     return call(post(flight + "/pictures", std::move(body), type));
@@ -268,7 +266,7 @@ TEST_F(DeskApiTest, AFixIsCarriedToThePresent) {
   const std::string flight = create();
   expect_problem(call(post(flight + "/fixes", R"({"lat": 48, "lon": 11, "radius_m": 0})")), 400, "invalid");
   expect_problem(call(post(flight + "/fixes", R"({"lat": 48, "lon": 11, "radius_m": 5, "frame": 0})")), 422, "refused");
-  const auto pictures = test::flight_pictures(kSmooth);
+  const auto pictures = test::flight_pictures(test::Course::smooth);
   send(flight, pictures);
   settled(flight);
   const auto estimates = read(flight + "/estimates")["estimates"];
@@ -286,7 +284,7 @@ TEST_F(DeskApiTest, AFixIsCarriedToThePresent) {
 
 TEST_F(DeskApiTest, ExportsTheTrack) {
   const std::string flight = create({{"name", "<Tal> & \"Wald\""}});
-  send(flight, test::flight_pictures(kSmooth));
+  send(flight, test::flight_pictures(test::Course::smooth));
   settled(flight);
   const auto exported = [&](const std::string& query) { return call(get(flight + "/export" + query)); };
   EXPECT_EQ(json(exported(""))["type"], "FeatureCollection");
@@ -302,7 +300,7 @@ TEST_F(DeskApiTest, KeepsSpaceFree) {
   const std::string flight = create();
   options.limits.keep_free_bytes = std::uint64_t{1} << 60;
   open();
-  expect_problem(send(flight, test::flight_pictures(kSmooth)), 507, "storage-full");
+  expect_problem(send(flight, test::flight_pictures(test::Course::smooth)), 507, "storage-full");
   expect_problem(call(post("/v1/flights", nlohmann::json{{"name", "x"}, {"camera", "y"}}.dump())), 507, "storage-full");
   EXPECT_EQ(read(flight)["pictures"]["accepted"], 0);
 }

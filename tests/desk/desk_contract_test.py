@@ -22,6 +22,12 @@ import support  # noqa: E402
 SETTINGS = """
 [checks.positive_data_acceptance]
 expected-statuses = ["2xx", "401", "403", "404", "409", "422", "429"]
+
+# What a schema cannot say: the query describes a single picture, and belongs to no batch.
+[[operations]]
+include-path = "/v1/flights/{flight}/pictures"
+[operations.checks.positive_data_acceptance]
+expected-statuses = ["2xx", "400", "404", "422"]
 """
 
 

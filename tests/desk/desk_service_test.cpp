@@ -16,8 +16,6 @@ namespace {
 using test::RawClient;
 using ::testing::HasSubstr;
 
-constexpr auto kSmooth = test::Course::smooth;
-
 class DeskServiceTest : public test::DeskFixture {
  protected:
   // A signed package of noise, judged while it is valid.
@@ -35,7 +33,7 @@ class DeskServiceTest : public test::DeskFixture {
 TEST_F(DeskServiceTest, GoesOnAfterARestart) {
   open();
   const std::string flight = create();
-  const auto pictures = test::flight_pictures(kSmooth);
+  const auto pictures = test::flight_pictures(test::Course::smooth);
   send(flight, pictures);
   ASSERT_EQ(call(post(flight + "/complete", "")).status, 202);
   close();  // in the middle of it, or not
@@ -68,7 +66,7 @@ TEST_F(DeskServiceTest, IdleFlightsMakeRoom) {
 
 TEST_F(DeskServiceTest, MoreFlightsThanPlacesAreAllFinished) {
   open();
-  const auto pictures = test::flight_pictures(kSmooth);
+  const auto pictures = test::flight_pictures(test::Course::smooth);
   std::vector<std::string> flights;
   for (int i = 0; i < 3; ++i) {
     flights.push_back(create());
@@ -128,7 +126,7 @@ TEST_F(DeskServiceTest, ServesTheMapAndFliesOverIt) {
   }
   // Its map is noise: no look is accepted, and the flight says what it looked at.
   const std::string flight = create({{"package", "valley"}});
-  send(flight, test::flight_pictures(kSmooth));
+  send(flight, test::flight_pictures(test::Course::smooth));
   EXPECT_EQ(settled(flight)["state"], "idle");
   EXPECT_EQ(read(flight + "/estimates")["estimates"].size(), 5U);
 }
@@ -150,12 +148,12 @@ TEST_F(DeskServiceTest, AnotherPackageBlocksAFlightUntilItsOwnIsBack) {
   close();
   std::filesystem::rename(options.root / "packages/valley", folder / "away");
   open();
-  send(flight, test::flight_pictures(kSmooth));
+  send(flight, test::flight_pictures(test::Course::smooth));
   auto document = settled(flight);
   EXPECT_EQ(document["state"], "blocked");
   EXPECT_THAT(document["reason"].get<std::string>(), HasSubstr("no such package"));
   std::filesystem::rename(folder / "away", options.root / "packages/valley");
-  send(flight, test::flight_pictures(kSmooth));  // all known; tried again
+  send(flight, test::flight_pictures(test::Course::smooth));  // all known; tried again
   document = settled(flight);
   EXPECT_EQ(document["state"], "idle") << document;
   EXPECT_EQ(document["pictures"]["processed"], 5);
@@ -191,7 +189,7 @@ TEST_F(DeskSocketTest, EventsAreReplayedAfterABreak) {
   early.send(head("GET " + flight + "/events"));
   const std::string created = early.read_until("event: flight_created");
   EXPECT_THAT(created, HasSubstr("text/event-stream"));
-  send(flight, test::flight_pictures(kSmooth));
+  send(flight, test::flight_pictures(test::Course::smooth));
   const std::string live = early.read_until("\"frame\":4");
   EXPECT_THAT(live, HasSubstr("event: pictures_accepted"));
   EXPECT_THAT(live, HasSubstr("event: frame_processed"));
@@ -213,7 +211,7 @@ TEST_F(DeskSocketTest, FiftyReadersHearOfEveryFrame) {
     readers.emplace_back(server->port());
     readers.back().send(head("GET " + flight + "/events"));
   }
-  const auto pictures = test::flight_pictures(kSmooth);
+  const auto pictures = test::flight_pictures(test::Course::smooth);
   const test::BatchBody batch = test::batch_of(pictures, test::telemetry_csv(pictures));
   const std::string answer = request(head("POST " + flight + "/pictures",
                                           fmt::format("Content-Type: {}\r\nContent-Length: {}\r\nConnection: close\r\n",

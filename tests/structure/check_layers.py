@@ -32,10 +32,10 @@ ALLOWED = {
     "http": "base",
     "cli": "base geodesy",
     "report": "",
-    "map_page": "geodesy imagery http",
+    "map_page": "imagery http",
     "verify_request": "base package cli",
     "nadird_client": "base http cli",
-    "desk": "base geodesy imagery package vision estimation recorder flights replay http cli report map_page",
+    "desk": "base geodesy imagery package vision estimation flights replay http cli report map_page",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
     "raster": "base geodesy imagery package",
@@ -52,7 +52,7 @@ ALLOWED = {
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
     "commands": "base geodesy imagery trust package vision estimation ortho recorder flights replay mavlink upload raster package_build catalogue "
-                "simulation provision cli report verify_request nadird_client http desk",
+                "simulation provision cli report verify_request nadird_client desk",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }
