@@ -84,9 +84,9 @@ std::variant<std::vector<PictureOffer>, Problem> parse_single(const ApiRequest& 
   };
   PictureOffer offer;
   offer.telemetry = telemetry_from(take);
+  if (!query->contains("time_s")) errors.push_back({"?time_s", "is missing"});
   const auto time_s = take({"time_s", {.low = -kMaxTime_s, .high = kMaxTime_s}});
   if (time_s) offer.telemetry.time_s = *time_s;
-  if (!time_s && errors.empty()) errors.push_back({"?time_s", "is missing"});
   if (auto name = query->extract("name"); !name.empty()) offer.name = name.mapped();
   if (offer.name.empty()) errors.push_back({"?name", "is missing"});
   for (const auto& [name, value] : *query) errors.push_back({"?" + name, "is unknown"});
