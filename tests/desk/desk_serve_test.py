@@ -72,7 +72,8 @@ class DeskServe(support.EndToEnd):
             for row in desk.json("GET", flight + "/estimates", expect=200)["estimates"]:
                 self.assertEqual(seen.get(row["frame"], row), row, "an estimate that was seen before the kill is another one now")
                 seen[row["frame"]] = row
-            self.assertEqual(fixes, len(desk.json("GET", flight + "/fixes", expect=200)["fixes"]))
+            # One that was killed while it was answered is stored or not.
+            self.assertGreaterEqual(len(desk.json("GET", flight + "/fixes", expect=200)["fixes"]), fixes)
             killer = threading.Timer(generator.uniform(0.02, 0.9), desk.kill)
             killer.start()
             try:
