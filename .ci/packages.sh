@@ -35,6 +35,7 @@ packages_build=(
   libboost-dev               # Beast, Asio: the HTTP of nadird; headers alone, libgdal-dev brings them anyway
   libcurl4-openssl-dev       # `nadir sync`; libgdal-dev takes it in the place of the one with GnuTLS
   libgdal-dev                # reads the planner's rasters; never linked by nadird
+  libjs-leaflet              # the map of the desk's page, embedded at build by the digest of its files
   libproj-dev                # coordinate systems of those rasters, and the tests' oracle
   python3                    # generates the MAVLink headers
   python3-venv               # the environment that the generator lives in (.ci/python.sh)

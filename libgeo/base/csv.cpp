@@ -61,9 +61,9 @@ Parse parse_csv(const std::filesystem::path& path, std::string_view text) {
 
 }  // namespace
 
-CsvTable CsvTable::read(const std::filesystem::path& path) {
-  const std::string text = read_text_file(path);
-  std::string_view body = text;
+CsvTable CsvTable::read(const std::filesystem::path& path) { return parse(read_text_file(path), path); }
+
+CsvTable CsvTable::parse(std::string_view body, const std::filesystem::path& path) {
   if (body.starts_with("\xEF\xBB\xBF")) body.remove_prefix(3);
   if (body.find('\0') != std::string_view::npos) {
     throw Error({.what = "cannot read a table", .where = path, .expected = "text", .found = "binary data"});

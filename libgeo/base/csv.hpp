@@ -14,6 +14,8 @@ class CsvTable {
  public:
   // Throws Error when the file is missing, empty, not text, or a row has another number of cells than the header.
   static CsvTable read(const std::filesystem::path& path);
+  // The same of a text; `name` is for messages.
+  static CsvTable parse(std::string_view text, const std::filesystem::path& name);
 
   std::size_t rows() const { return rows_.size(); }
   const std::vector<std::string>& header() const { return header_; }

@@ -691,6 +691,15 @@ StoredFrame FlightStore::stored_frame(std::size_t frame) const {
   return {std::get<EstimateRecord>(*record), bytes(1), bytes(2), bytes(3)};
 }
 
+AnchorReport FlightStore::look_of(std::size_t frame) const {
+  const std::scoped_lock guard(impl_->mutex);
+  auto row = impl_->database->prepare("SELECT anchor FROM estimate WHERE frame = ? AND kind = 'online'");
+  const bool found = row.bind(1, signed_of(frame)).step();
+  const auto record = found ? decode(Topic::anchor, row.blob(0)) : std::nullopt;
+  if (!record) refuse_damaged(impl_->database->path(), fmt::format("no readable look of frame {}", frame));
+  return std::get<AnchorRecord>(*record).anchor;
+}
+
 UserFix FlightStore::add_fix(const LonLat& place, double radius_m, std::string_view by, UtcMillis now) {
   check_place(place, radius_m);
   Impl& s = *impl_;
@@ -741,11 +750,13 @@ void FlightStore::append_event(const StoredFlightEvent& event, UtcMillis now) {
 
 // ---- Reading
 
-std::vector<Estimate> FlightStore::estimates(EstimateKind kind) const {
+std::vector<Estimate> FlightStore::estimates(EstimateKind kind, std::size_t first, std::size_t most) const {
   const std::scoped_lock guard(impl_->mutex);
   std::vector<Estimate> estimates;
-  auto rows = impl_->database->prepare("SELECT record FROM estimate WHERE kind = ? ORDER BY frame");
-  rows.bind(1, name_of(kind));
+  auto rows =
+      impl_->database->prepare("SELECT record FROM estimate WHERE kind = ? AND frame >= ? ORDER BY frame LIMIT ?");
+  rows.bind(1, name_of(kind)).bind(2, signed_of(std::min(first, std::size_t{INT32_MAX})));
+  rows.bind(3, signed_of(std::min(most, std::size_t{INT32_MAX})));
   while (rows.step()) {
     const auto record = decode(Topic::estimate, rows.blob(0));
     if (!record) refuse_damaged(impl_->database->path(), "an estimate that cannot be read");
@@ -770,6 +781,11 @@ std::vector<FlightSegment> FlightStore::segments() const {
     if (!rows.is_null(4)) segment.anchored_frame = static_cast<std::size_t>(rows.integer(4));
   }
   return segments;
+}
+
+std::int64_t FlightStore::last_event() const {
+  const std::scoped_lock guard(impl_->mutex);
+  return impl_->scalar("SELECT ifnull(max(id), 0) FROM event");
 }
 
 std::vector<EventRow> FlightStore::events_after(std::int64_t id, std::size_t most) const {

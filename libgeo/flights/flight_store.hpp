@@ -190,6 +190,7 @@ class FlightStore {
   void put_frame(const ProcessedFrame& frame, UtcMillis now);  // the begun one, in one transaction
   void abandon_frame();                                        // the begun one will be begun again
   StoredFrame stored_frame(std::size_t frame) const;
+  AnchorReport look_of(std::size_t frame) const;  // at the map, of a processed frame; without its images
   std::vector<UserFix> fixes_before(std::size_t frame) const;
 
   // Throws UsageError for an invalid place or radius.
@@ -202,9 +203,11 @@ class FlightStore {
 
   // ---- Reading
 
-  std::vector<Estimate> estimates(EstimateKind kind) const;  // by frame
+  // By frame, from the first one that is asked for.
+  std::vector<Estimate> estimates(EstimateKind kind, std::size_t first = 0, std::size_t most = SIZE_MAX) const;
   std::vector<FlightSegment> segments() const;
   std::vector<UserFix> fixes() const;
+  std::int64_t last_event() const;  // its number
   // At most `most` events after the one of this number; 0: from the first.
   std::vector<EventRow> events_after(std::int64_t id, std::size_t most) const;
 

@@ -6,7 +6,6 @@
 
 #include "base/error.hpp"
 #include "base/printable.hpp"
-#include "http/message.hpp"
 
 namespace nadir {
 namespace {
@@ -64,6 +63,15 @@ bool names_loopback(std::string_view host) {
     return rest.empty() || (rest.starts_with(':') && is_port(rest.substr(1)));
   }
   return false;
+}
+
+std::optional<Problem> access_problem(const ApiRequest& request, bool loopback, const std::optional<Sha256>& token) {
+  if (loopback && !names_loopback(request.host)) {
+    return Problem{.status = 421, .type = "host", .detail = "this service is called by localhost, 127.0.0.1 or [::1]"};
+  }
+  if (!token || !request.path().starts_with("/v1/")) return std::nullopt;
+  if (bearer_digest(request.authorization) == token) return std::nullopt;
+  return Problem{.status = 401, .type = "token", .detail = "send Authorization: Bearer TOKEN"};
 }
 
 std::optional<Sha256> bearer_digest(std::string_view authorization) {

@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "base/digest.hpp"
+#include "http/message.hpp"
 
 namespace nadir {
 
@@ -30,6 +31,11 @@ void require_token_beyond_loopback(const ListenAddress& address, const std::opti
 // Whether a Host header is exactly a name of this machine for itself, with or without a port ("LOCALHOST:8750",
 // "[::1]:8750"). A page of another site that reaches 127.0.0.1 under a name of its own (DNS rebinding) sends that name.
 bool names_loopback(std::string_view host);
+
+// Why this request may not be answered; nullopt: it may. loopback: the service listens there alone, and the Host must
+// be a name of it. token: the digest of what every path under /v1/ needs; without one they are open. A page itself
+// holds no secret, and asks for the token.
+std::optional<Problem> access_problem(const ApiRequest& request, bool loopback, const std::optional<Sha256>& token);
 
 // The digest of the token in "Bearer TOKEN"; nullopt for any other Authorization header. Comparing
 // digests instead of tokens leaks nothing through timing.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "base/printable.hpp"
 
@@ -42,6 +43,19 @@ ApiResponse answer(const Problem& problem) {
     document["errors"].push_back({{"pointer", printable(error.pointer)}, {"detail", printable(error.detail)}});
   }
   return {.status = problem.status, .content_type = "application/problem+json", .body = document.dump()};
+}
+
+ApiResponse json_answer(int status, const nlohmann::json& document) {
+  return {.status = status, .body = document.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
+}
+
+ApiResponse page_answer(std::string_view text, std::string type) {
+  return {.content_type = std::move(type),
+          .body = std::string(text),
+          .headers = {{"Content-Security-Policy",
+                       "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+                       "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"},
+                      {"Cache-Control", "no-cache"}}};
 }
 
 std::string lower_case(std::string_view text) {

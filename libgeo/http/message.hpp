@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -54,6 +55,11 @@ struct Problem {
 };
 
 ApiResponse answer(const Problem& problem);
+
+ApiResponse json_answer(int status, const nlohmann::json& document);
+
+// A part of a web page. It loads nothing from elsewhere, runs no script but its own, and cannot be framed.
+ApiResponse page_answer(std::string_view text, std::string type);
 
 // "Application/JSON; charset=utf-8" as "application/json".
 std::string media_type(std::string_view content_type);

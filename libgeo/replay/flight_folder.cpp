@@ -157,7 +157,10 @@ void check_frame_name(const CsvTable& table, std::size_t row, const std::string&
 }  // namespace
 
 std::vector<Telemetry> read_telemetry(const std::filesystem::path& path) {
-  const CsvTable table = CsvTable::read(path);
+  return read_telemetry(CsvTable::read(path));
+}
+
+std::vector<Telemetry> read_telemetry(const CsvTable& table) {
   const Columns columns = find_columns(table);
   std::vector<Telemetry> rows;
   std::unordered_map<std::string, std::size_t> line_of_frame;
@@ -195,7 +198,8 @@ std::vector<Telemetry> read_telemetry(const std::filesystem::path& path) {
     rows.push_back(std::move(telemetry));
   }
   if (rows.empty()) {
-    throw UsageError({.what = "the telemetry has no rows", .where = path.string(), .expected = "one row per frame"});
+    throw UsageError(
+        {.what = "the telemetry has no rows", .where = table.path().string(), .expected = "one row per frame"});
   }
   return rows;
 }

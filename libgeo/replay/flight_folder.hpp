@@ -14,6 +14,8 @@
 
 namespace nadir {
 
+class CsvTable;
+
 struct Flight {
   CameraFile camera;
   std::filesystem::path frames_folder;
@@ -38,6 +40,7 @@ Flight read_flight(const FlightPaths& paths);
 
 // The table alone (frames' names are checked for form, not for existence).
 std::vector<Telemetry> read_telemetry(const std::filesystem::path& path);
+std::vector<Telemetry> read_telemetry(const CsvTable& table);
 
 // CV_8UC1 of the file's size divided by `shrink` (1, 2, 4, 8); empty when the file is damaged: the localizer then
 // rejects the frame.

@@ -14,7 +14,7 @@
 #include "base/platform.hpp"
 #include "http/access.hpp"
 #include "http/message.hpp"
-#include "imagery/codecs.hpp"
+#include "map_page/map_page.hpp"
 
 namespace nadir {
 namespace {
@@ -29,20 +29,6 @@ constexpr std::array kWritePaths{std::string_view("/v1/hint"), std::string_view(
 template <typename List>
 bool holds(const List& list, std::string_view path) {
   return std::find(list.begin(), list.end(), path) != list.end();
-}
-
-ApiResponse json_answer(int status, const nlohmann::json& document) {
-  return {.status = status, .body = document.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
-}
-
-// The page loads nothing from elsewhere, runs no script but its own and cannot be framed.
-ApiResponse page_answer(std::string_view text, std::string type) {
-  return {.content_type = std::move(type),
-          .body = std::string(text),
-          .headers = {{"Content-Security-Policy",
-                       "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
-                       "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"},
-                      {"Cache-Control", "no-cache"}}};
 }
 
 }  // namespace
@@ -85,25 +71,14 @@ ApiResponse Api::handle(const ApiRequest& request, const ServerCounts& server) c
 }
 
 std::optional<Problem> Api::access(const ApiRequest& request, std::string_view path) const {
-  if (options_.loopback) {
-    if (!names_loopback(request.host)) {
-      return Problem{
-          .status = 421, .type = "host", .detail = "this service is called by localhost, 127.0.0.1 or [::1]"};
-    }
-  }
-  // The page itself holds no secret, and asks for the token.
   const bool hints = path == "/v1/hint" && request.method == "POST";
-  const std::optional<Sha256>& wanted = options_.token || !hints ? options_.token : options_.hint_token;
-  if (!wanted || !path.starts_with("/v1/")) return std::nullopt;
-  if (bearer_digest(request.authorization) == wanted) return std::nullopt;
-  if (!options_.token) {
-    return Problem{.status = 401,
-                   .type = "token",
-                   .detail =
-                       "a hint needs Authorization: Bearer TOKEN, with the token of the file api-token in the "
-                       "service's state folder"};
+  if (options_.token || !hints) return access_problem(request, options_.loopback, options_.token);
+  auto problem = access_problem(request, options_.loopback, options_.hint_token);
+  if (problem && problem->status == 401) {
+    problem->detail =
+        "a hint needs Authorization: Bearer TOKEN, with the token of the file api-token in the service's state folder";
   }
-  return Problem{.status = 401, .type = "token", .detail = "send Authorization: Bearer TOKEN"};
+  return problem;
 }
 
 ApiResponse Api::route(const ApiRequest& request, const ServerCounts& server) const {
@@ -148,7 +123,7 @@ ApiResponse Api::route(const ApiRequest& request, const ServerCounts& server) co
   if (path == "/page.css") return page_answer(page::style, "text/css; charset=utf-8");
   if (path == "/page.js") return page_answer(page::script, "text/javascript; charset=utf-8");
   if (path == "/") return page_answer(page::html, "text/html; charset=utf-8");
-  return tile(path.substr(kTiles.size()));
+  return tile_answer(package()->tiles.get(), path.substr(kTiles.size()));
 }
 
 ApiResponse Api::health() const {
@@ -182,20 +157,6 @@ ApiResponse Api::state() const {
   ApiResponse response = json_answer(200, document);
   response.headers.emplace_back("Cache-Control", "no-store");
   return response;
-}
-
-ApiResponse Api::tile(std::string_view address) const {
-  const std::optional<TileKey> key = parse_tile_key(address);
-  if (!key)
-    return answer(
-        {.status = 404, .type = "tile", .detail = "a tile's path is /v1/tiles/ZOOM/COLUMN/ROW, rows from the north"});
-  const auto package = this->package();
-  const std::optional<Bytes> bytes = package->tiles ? package->tiles->read(*key) : std::nullopt;
-  const std::optional<ImageFormat> format = bytes ? sniff_image_format(*bytes) : std::nullopt;
-  if (!format) return answer({.status = 404, .type = "tile", .detail = "the package holds no such tile"});
-  return {.content_type = fmt::format("image/{}", name_of(*format)),
-          .body = std::string(as_text(*bytes)),
-          .headers = {{"Cache-Control", "private, max-age=60"}}};
 }
 
 ApiResponse Api::take_hint(const ApiRequest& request) const {

@@ -61,7 +61,6 @@ class Api final : public HttpHandler {
 
   ApiResponse health() const;
   ApiResponse state() const;
-  ApiResponse tile(std::string_view address) const;
   ApiResponse take_hint(const ApiRequest& request) const;
   bool hint_is_due() const;
   ApiResponse object_location(const ApiRequest& request) const;

@@ -1,149 +1,15 @@
 #include "api/requests.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "api/object_location.hpp"
-#include "base/error.hpp"
-#include "base/json.hpp"
 #include "geodesy/angles.hpp"
+#include "http/json_body.hpp"
 #include "service/onboard_event.hpp"
 
 namespace nadir {
 namespace {
-
-using FieldErrors = std::vector<FieldError>;
-
-constexpr int kMaxDepth = 4;
-
-struct NumberRange {
-  double low = 0, high = 0;
-  bool above_low = false;  // low itself is out
-};
-
-// A JsonReader that notes what is wrong with an object's members instead of throwing, so that a caller gets all errors
-// in one answer. What is missing or wrong reads as 0; the result is then meaningless.
-class BodyFields {
- public:
-  BodyFields(JsonReader in, FieldErrors& errors) : in_(std::move(in)), errors_(&errors) {}
-
-  std::optional<double> optional_number(const char* name, NumberRange range) {
-    if (!find(name)) return std::nullopt;
-    return checked(in_, name, range);
-  }
-
-  double number(const char* name, NumberRange range) {
-    if (find(name)) return checked(in_, name, range);
-    note(name, "is missing");
-    return 0;
-  }
-
-  int integer(const char* name, int low, int high) {
-    const std::size_t before = errors_->size();
-    const double value = number(name, {.low = static_cast<double>(low), .high = static_cast<double>(high)});
-    if (errors_->size() != before) return low;
-    if (value != std::floor(value)) note(name, "must be an integer");
-    return static_cast<int>(value);
-  }
-
-  std::optional<std::string> optional_word(const char* name, std::initializer_list<std::string_view> choices) {
-    if (!find(name)) return std::nullopt;
-    std::optional<std::string> word;
-    collect([&] { word = std::string(in_.choice(name, choices)); });
-    return word;
-  }
-
-  std::vector<double> optional_numbers(const char* name, std::size_t count, NumberRange range) {
-    std::vector<double> numbers;
-    if (!find(name)) return numbers;
-    collect([&] {
-      const JsonReader list = in_.array(name, {.least = count, .most = count});
-      for (std::size_t i = 0; i < count; ++i) numbers.push_back(checked(list, i, range));
-    });
-    return numbers;
-  }
-
-  std::optional<BodyFields> optional_object(const char* name) {
-    std::optional<BodyFields> fields;
-    if (find(name)) collect([&] { fields.emplace(in_.object(name), *errors_); });
-    return fields;
-  }
-
-  // Members that have not been read are errors: a misspelt name must not be silently ignored.
-  void finish() const {
-    for (const std::string& name : in_.keys()) {
-      if (std::find(known_.begin(), known_.end(), name) == known_.end()) note(name, "is unknown");
-    }
-  }
-
- private:
-  bool find(const char* name) {
-    known_.emplace_back(name);
-    return in_.has(name);
-  }
-
-  void note(std::string_view name, std::string detail) const {
-    errors_->push_back({fmt::format("{}/{}", in_.pointer(), name), std::move(detail)});
-  }
-
-  template <typename Read>
-  void collect(const Read& read) const {
-    try {
-      read();
-    } catch (const JsonError& error) {
-      errors_->push_back(
-          {error.pointer(), fmt::format("must be {}, is {}", error.text().expected, error.text().found)});
-    }
-  }
-
-  double checked(const JsonReader& in, JsonKey key, NumberRange range) const {
-    double number = 0;
-    collect([&] {
-      number = in.number(key);
-      const bool inside = number <= range.high && (range.above_low ? number > range.low : number >= range.low);
-      if (inside) return;
-      in.refuse(key,
-                fmt::format("{} {} and at most {}", range.above_low ? "above" : "at least", range.low, range.high));
-    });
-    return number;
-  }
-
-  JsonReader in_;
-  FieldErrors* errors_;
-  std::vector<std::string> known_;
-};
-
-// Reads the body with read(fields, errors), or returns all of its errors.
-template <typename Value, typename Read>
-std::variant<Value, Problem> read_body(const ApiRequest& request, const Read& read) {
-  if (media_type(request.content_type) != "application/json") {
-    return Problem{.status = 415, .type = "media-type", .detail = "send the body as Content-Type: application/json"};
-  }
-  nlohmann::json document;
-  try {
-    document = parse_json(request.body, "body", {.max_depth = kMaxDepth, .allow_floats = true});
-  } catch (const Error& error) {
-    return Problem{
-        .status = 400, .type = "malformed", .detail = "the body is not acceptable JSON: " + error.text().found};
-  }
-  FieldErrors errors;
-  Value value;
-  if (document.is_object()) {
-    BodyFields fields(JsonReader(document, {.name = "body", .what = "cannot accept this body"}), errors);
-    value = read(fields, errors);
-    fields.finish();
-  } else {
-    errors.push_back({"", "must be an object"});
-  }
-  if (errors.empty()) return value;
-  return Problem{.status = 400,
-                 .type = "invalid",
-                 .detail = "the body does not match this call; \"errors\" lists why",
-                 .errors = std::move(errors)};
-}
 
 constexpr NumberRange kTurn_deg{.low = -360, .high = 360};
 constexpr NumberRange kTilt_deg{.low = -90, .high = 90};

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/printable.hpp"
+#include "estimation/error_ellipse.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir {
@@ -34,17 +35,11 @@ json counts(const CountsByReason& counts) {
   return object;
 }
 
-// The 1-sigma error ellipse of the covariance: semi-axes, and the bearing of the major one.
 json ellipse(const PositionView& position) {
-  const double mean = 0.5 * (position.east_var_m2 + position.north_var_m2);
-  const double half_gap = 0.5 * (position.east_var_m2 - position.north_var_m2);
-  const double radius = std::hypot(half_gap, position.east_north_cov_m2);
-  const double from_east_rad = 0.5 * std::atan2(position.east_north_cov_m2, half_gap);
-  double bearing_deg = 90 - degrees(from_east_rad);
-  if (bearing_deg >= 180) bearing_deg -= 180;
-  return {{"major_m", number(std::sqrt(std::max(0.0, mean + radius)))},
-          {"minor_m", number(std::sqrt(std::max(0.0, mean - radius)))},
-          {"bearing_deg", number(bearing_deg)}};
+  const ErrorEllipse ellipse = error_ellipse(position.east_var_m2, position.east_north_cov_m2, position.north_var_m2);
+  return {{"major_m", number(ellipse.major_m)},
+          {"minor_m", number(ellipse.minor_m)},
+          {"bearing_deg", number(ellipse.bearing_deg)}};
 }
 
 json position_json(const std::optional<PositionView>& position) {

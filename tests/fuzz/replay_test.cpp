@@ -49,6 +49,7 @@ const std::vector<Target>& targets() {
                                        {"api_hint", fuzz::api_hint},
                                        {"api_object", fuzz::api_object},
                                        {"api_request", fuzz::api_request},
+                                       {"multipart", fuzz::multipart},
                                        {"batch", fuzz::batch},
                                        {"pack", fuzz::pack},
                                        {"upload_request", fuzz::upload_request},

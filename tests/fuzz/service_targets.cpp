@@ -1,4 +1,5 @@
 // Requests to the two services: the API of an aircraft and the candidate service.
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "api/api.hpp"
@@ -9,6 +10,7 @@
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
 #include "http/access.hpp"
+#include "http/multipart.hpp"
 #include "nadir_candidates/access_tokens.hpp"
 #include "nadir_candidates/upload_api.hpp"
 #include "service/acceptance_record.hpp"
@@ -182,6 +184,18 @@ void audit(std::string_view bytes) {
   const std::size_t end = damaged.rfind('\n', damaged.size() - 2);
   const std::string last = damaged.substr(end == std::string::npos ? 0 : end + 1);
   require(nlohmann::json::parse(last).at("act") == "next", "a damaged log swallows the next line");
+}
+
+void multipart(std::string_view bytes) {
+  const std::size_t line = std::min(bytes.find('\n'), bytes.size());
+  const std::string_view type = bytes.substr(0, line), body = bytes.substr(std::min(line + 1, bytes.size()));
+  const auto parts = parse_multipart(type, body, 5);
+  require(!parts || parts->size() <= 5, "more parts than there may be");
+  std::size_t inside = 0;
+  for (std::size_t i = 0; parts && i < parts->size(); ++i) inside += (*parts)[i].bytes.size();
+  require(inside <= body.size(), "parts that overlap");
+  parse_query(bytes);
+  path_parts(bytes);
 }
 
 }  // namespace nadir::fuzz

@@ -45,6 +45,7 @@ void mcap(std::string_view bytes);  // with the flight recorder's payloads
 void batch(std::string_view bytes);  // of uploaded tiles, and the packs that they come in
 void pack(std::string_view bytes);
 
+void multipart(std::string_view bytes);       // pictures to the desk: the type on the first line, then the body
 void upload_request(std::string_view bytes);  // to the candidate service
 void reply(std::string_view bytes);           // of the candidate service
 void installed(std::string_view bytes);       // what an aircraft reports, and the service's record of it

@@ -33,9 +33,11 @@ ALLOWED = {
     "http": "base",
     "cli": "base geodesy",
     "report": "",
+    "map_page": "imagery http",
     "verify_request": "base package cli",
     "nadird_client": "base http cli",
     "flight_import": "base geodesy imagery vision mavlink replay camera",
+    "desk": "base geodesy imagery package vision estimation flights replay http cli report map_page",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
     "raster": "base geodesy imagery package",
@@ -47,12 +49,12 @@ ALLOWED = {
     # the aircraft
     "service": "base geodesy estimation",
     "camera": "base imagery service",
-    "api": "base geodesy imagery package vision estimation http service",
+    "api": "base geodesy imagery package vision estimation http map_page service",
     "flight": "base geodesy imagery trust package vision estimation ortho recorder mavlink fixes cli api camera service",
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
     "commands": "base geodesy imagery trust package vision estimation ortho recorder flights replay mavlink upload raster package_build catalogue "
-                "simulation provision flight_import cli report verify_request nadird_client",
+                "simulation provision flight_import cli report verify_request nadird_client desk",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }

@@ -47,6 +47,7 @@ std::unique_ptr<Command> make_simulate_camera();
 std::unique_ptr<Command> make_flight_import();
 std::unique_ptr<Command> make_replay();
 std::unique_ptr<Command> make_ortho();
+std::unique_ptr<Command> make_desk_serve();
 std::unique_ptr<Command> make_watch();
 std::unique_ptr<Command> make_recorder_info();
 std::unique_ptr<Command> make_recorder_verify();

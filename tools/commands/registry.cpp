@@ -43,6 +43,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
                           make_flight_import,
                           make_replay,
                           make_ortho,
+                          make_desk_serve,
                           make_watch,
                           make_recorder_info,
                           make_recorder_verify,

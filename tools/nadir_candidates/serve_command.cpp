@@ -17,8 +17,8 @@
 #include "cli/terminal.hpp"
 #include "nadir_candidates/commands.hpp"
 #include "nadir_candidates/service_folder.hpp"
+#include "nadir_candidates/service_work.hpp"
 #include "nadir_candidates/upload_server.hpp"
-#include "nadir_candidates/work_queue.hpp"
 
 namespace nadir {
 namespace {

@@ -116,10 +116,6 @@ using Kind = Denial::Kind;
 constexpr std::size_t kLongestDetail = 500;
 constexpr const char* kSoon_s = "2";
 
-ApiResponse json_answer(int status, const json& document) {
-  return {.status = status, .body = document.dump(-1, ' ', false, json::error_handler_t::replace)};
-}
-
 std::string short_detail(const std::string& text) {
   std::string detail = printable(text);
   if (detail.size() > kLongestDetail) detail.resize(kLongestDetail);

@@ -2,7 +2,7 @@
 //
 // Nothing is trusted before a token is checked: without one a caller gets a header of a few kilobytes read. Bodies
 // together may take so much memory and no more, those of each client a part of that; each client has so many requests
-// at a time (ShareLimits), and they wait in a lane of its own (work_queue.hpp). When all places are taken, the
+// at a time (ShareLimits), and they wait in a lane of its own (http/fair_queue.hpp). When all places are taken, the
 // connection that has been idle for longest makes room. So a client that is slow, dead or hostile costs the others
 // nothing but its own share.
 #pragma once
@@ -12,8 +12,8 @@
 #include <memory>
 
 #include "http/access.hpp"
+#include "http/fair_queue.hpp"
 #include "nadir_candidates/upload_api.hpp"
-#include "nadir_candidates/work_queue.hpp"
 
 namespace nadir {
 

@@ -48,4 +48,4 @@ const onMessage = (kind, data) => {
 };
 
 setInterval(showContact, 500);
-followEvents(refresh, onMessage, () => { lastContactAt = performance.now(); });
+followEvents("/v1/events", { onOpen: refresh, onMessage, onSign: () => { lastContactAt = performance.now(); } });

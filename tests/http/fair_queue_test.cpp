@@ -1,4 +1,4 @@
-#include "nadir_candidates/work_queue.hpp"
+#include "http/fair_queue.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,10 +1,10 @@
 // Calls to the service: with the token when there is one, and the event stream, resumed where it broke off.
 
 const tokenKey = "nadir-token";
-const call = (path, headers = {}, signal = undefined) => {
+const call = (path, headers = {}, signal = undefined, options = {}) => {
   const token = sessionStorage.getItem(tokenKey);
   if (token) headers.Authorization = "Bearer " + token;
-  return fetch(path, { headers, signal, cache: "no-store" });
+  return fetch(path, { headers, signal, cache: "no-store", ...options });
 };
 
 // Several calls may be refused at once; the question is one.
@@ -53,15 +53,17 @@ const readMessages = async (body, onMessage, onSign) => {
 const silenceLimit = 12000;  // ms; the service says something every 2 s
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
-// Never ends. onOpen: before the messages of each new connection. onSign: whenever anything comes.
-const followEvents = async (onOpen, onMessage, onSign) => {
+// Ends when `ended` says so. onOpen: before the messages of each new connection; it may return the id after which they
+// begin. onSign: whenever anything comes.
+const followEvents = async (path, { onOpen, onMessage, onSign, ended }) => {
   let lastId = "";
-  for (;;) {
-    const abort = new AbortController();
+  while (!ended?.aborted) {
+    const abort = new AbortController(), stop = () => abort.abort();
+    ended?.addEventListener("abort", stop);
     let silence = setTimeout(() => abort.abort(), silenceLimit);
     try {
-      await onOpen();
-      const response = await call("/v1/events", lastId ? { "Last-Event-ID": lastId } : {}, abort.signal);
+      lastId = (await onOpen()) ?? lastId;
+      const response = await call(path, lastId ? { "Last-Event-ID": lastId } : {}, abort.signal);
       if (response.ok) {
         await readMessages(response.body, (event, data, id) => {
           if (id) lastId = id;
@@ -76,6 +78,7 @@ const followEvents = async (onOpen, onMessage, onSign) => {
       console.info("event stream:", error.message);
     }
     clearTimeout(silence);
-    await pause(1000);
+    ended?.removeEventListener("abort", stop);
+    if (!ended?.aborted) await pause(1000);
   }
 };

@@ -1,0 +1,301 @@
+#include "desk/live_flight.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "base/platform.hpp"
+#include "base/yaml.hpp"
+#include "cli/nadir_version.hpp"
+#include "desk/package_registry.hpp"
+#include "replay/replay_flight.hpp"
+#include "vision/camera_frame.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr const char* kCompletionFile = "completion-requested";
+
+// Gives its slot back, also on the way out of an exception.
+class HeldSlot {
+ public:
+  HeldSlot(EngineSlots& slots, const std::stop_token& stop) : slots_(slots), stop_(stop), held_(slots.take(stop)) {}
+  ~HeldSlot() {
+    if (held_) slots_.give();
+  }
+  HeldSlot(const HeldSlot&) = delete;
+  HeldSlot& operator=(const HeldSlot&) = delete;
+
+  bool held() const { return held_; }
+  void let_others() {
+    if (!held_ || !slots_.wanted()) return;
+    slots_.give();
+    held_ = slots_.take(stop_);
+  }
+
+ private:
+  EngineSlots& slots_;
+  const std::stop_token& stop_;
+  bool held_;
+};
+
+}  // namespace
+
+bool EngineSlots::take(const std::stop_token& stop) {
+  std::unique_lock lock(mutex_);
+  const std::uint64_t ticket = next_ticket_++;
+  waiting_.push_back(ticket);
+  const bool taken = news_.wait(lock, stop, [&] { return free_ > 0 && waiting_.front() == ticket; });
+  std::erase(waiting_, ticket);
+  if (taken) --free_;
+  news_.notify_all();  // another one may be at the front now
+  return taken;
+}
+
+void EngineSlots::give() {
+  const std::lock_guard lock(mutex_);
+  ++free_;
+  news_.notify_all();
+}
+
+bool EngineSlots::wanted() const {
+  const std::lock_guard lock(mutex_);
+  return !waiting_.empty();
+}
+
+std::string_view name_of(FlightActivity activity) {
+  switch (activity) {
+    case FlightActivity::idle: return "idle";
+    case FlightActivity::waiting: return "waiting";
+    case FlightActivity::processing: return "processing";
+    case FlightActivity::completing: return "completing";
+    case FlightActivity::blocked: return "blocked";
+  }
+  return {};
+}
+
+LiveFlight::LiveFlight(std::string id, std::unique_ptr<FlightStore> store, std::filesystem::path folder,
+                       PackageRegistry& packages, EngineSlots& slots, MillisClock clock)
+    : id_(std::move(id)),
+      store_(std::move(store)),
+      completion_file_(std::move(folder) / kCompletionFile),
+      packages_(packages),
+      slots_(slots),
+      clock_(std::move(clock)) {
+  completion_requested_ = std::filesystem::exists(completion_file_);
+  const std::size_t processed = store_->processed();
+  // Refined estimates belong to the frames that were there when the flight was completed.
+  completed_ = processed > 0 && processed == store_->accepted() &&
+               !store_->estimates(EstimateKind::refined, processed - 1, 1).empty();
+  thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
+}
+
+LiveFlight::~LiveFlight() = default;
+
+FlightStatus LiveFlight::status() const {
+  FlightStatus status;
+  status.processed = store_->processed();  // first: it never exceeds what is accepted
+  status.accepted = store_->accepted();
+  const std::lock_guard lock(mutex_);
+  status.activity = activity_;
+  status.blocked_by = blocked_by_;
+  status.completion_requested = completion_requested_;
+  status.completed = completed_ && status.accepted == status.processed;
+  return status;
+}
+
+bool LiveFlight::busy() const {
+  const std::lock_guard lock(mutex_);
+  return has_work();
+}
+
+bool LiveFlight::has_work() const {
+  if (activity_ == FlightActivity::blocked) return false;
+  return activity_ != FlightActivity::idle || completion_requested_ || store_->processed() < store_->accepted();
+}
+
+void LiveFlight::wake() {
+  ++changes_;
+  const std::lock_guard lock(mutex_);
+  ++arrivals_;
+  if (activity_ == FlightActivity::blocked) activity_ = FlightActivity::idle;  // try again
+  news_.notify_all();
+}
+
+std::vector<PictureAnswer> LiveFlight::accept(std::span<const PictureOffer> batch) {
+  std::vector<PictureAnswer> answers = store_->accept(batch, clock_());
+  wake();
+  return answers;
+}
+
+UserFix LiveFlight::add_fix(const LonLat& place, double radius_m, std::string_view by) {
+  UserFix fix = store_->add_fix(place, radius_m, by, clock_());
+  wake();
+  return fix;
+}
+
+void LiveFlight::request_completion() {
+  if (store_->accepted() == 0) {
+    throw UsageError(
+        {.what = "the flight has no pictures yet", .expected = "at least one", .fix = "send its pictures first"});
+  }
+  write_file_atomic(completion_file_, std::string_view("when all pictures are processed\n"));
+  {
+    const std::lock_guard lock(mutex_);
+    completion_requested_ = true;
+  }
+  wake();
+}
+
+void LiveFlight::set(FlightActivity activity) {
+  {
+    const std::lock_guard lock(mutex_);
+    activity_ = activity;
+    if (activity != FlightActivity::blocked) blocked_by_.clear();
+  }
+  ++changes_;
+}
+
+std::unique_ptr<FlightEngine> LiveFlight::make_engine() {
+  const FlightDescription& flight = store_->description();
+  const SessionRecord& session = flight.session;
+  FlightEngineSetup setup{.camera = session.camera,
+                          .shrink = session.picture_shrink,
+                          .frame = LocalFrame(session.origin),
+                          .tiles = nullptr,
+                          .start = session.start,
+                          .localizer = session.localizer};
+  setup.localizer.surface = nullptr;
+  setup.localizer.places = nullptr;
+  setup.localizer.matchability = nullptr;
+  if (!flight.package.empty()) {
+    const auto listing = packages_.find(flight.package);
+    if (!listing || !listing->package) {
+      throw Error({.what = "the flight's map package cannot be used",
+                   .where = flight.package,
+                   .found = listing ? listing->reason : "no such package",
+                   .fix = "put the package back, and start the desk with its root of trust"});
+    }
+    package_ = listing->package;
+    if (session.package && *session.package != package_->manifest) {
+      throw Error({.what = "the map package is not the one that the flight was begun with",
+                   .where = flight.package,
+                   .expected = "a manifest of SHA-256 " + session.package->hex(),
+                   .found = package_->manifest.hex(),
+                   .fix = "put that package back, or begin a new flight with this one"});
+    }
+    tiles_ = package_->package->another_imagery_reader();
+    setup.frame = package_->frame;
+    setup.tiles = tiles_.get();
+    if (session.terrain && package_->surface) setup.localizer.surface = &*package_->surface;
+    if (session.places && package_->places) setup.localizer.places = &*package_->places;
+    if (session.matchability) setup.localizer.matchability = package_->package->matchability();
+  }
+  return std::make_unique<FlightEngine>(*store_, setup, FlightEngineOptions{.clock = clock_, .keep_looks = true});
+}
+
+void LiveFlight::work(const std::stop_token& stop, std::unique_ptr<FlightEngine>& engine) {
+  set(FlightActivity::waiting);
+  HeldSlot slot(slots_, stop);
+  if (!slot.held()) throw Interrupted();
+  set(FlightActivity::processing);
+  if (!engine) engine = make_engine();
+  const std::size_t processed = engine->process(Cancel([&stop] { return stop.stop_requested(); }),
+                                                [&](std::size_t /*frame*/, FrameReport& /*report*/, bool /*restored*/) {
+                                                  ++changes_;
+                                                  slot.let_others();
+                                                });
+  bool complete = false;
+  {
+    const std::lock_guard lock(mutex_);
+    if (processed > 0) completed_ = false;
+    complete = completion_requested_ && store_->processed() == store_->accepted();
+    if (complete) activity_ = FlightActivity::completing;
+  }
+  if (!complete) return;
+  engine->complete();
+  std::error_code ignored;
+  std::filesystem::remove(completion_file_, ignored);  // one that stays asks for the same once more
+  const std::lock_guard lock(mutex_);
+  completion_requested_ = false;
+  completed_ = true;
+}
+
+void LiveFlight::run(const std::stop_token& stop) {
+  begin_thread("flight", ThreadPriority::low);
+  std::unique_ptr<FlightEngine> engine;
+  for (;;) {
+    std::uint64_t arrivals = 0;
+    {
+      std::unique_lock lock(mutex_);
+      if (!news_.wait(lock, stop, [this] { return has_work(); }) || stop.stop_requested()) return;
+      arrivals = arrivals_;
+    }
+    std::string problem;
+    try {
+      work(stop, engine);
+      set(FlightActivity::idle);
+      continue;
+    } catch (const Interrupted&) {
+      return;
+    } catch (const Error& error) {
+      problem = error.text().what + (error.text().found.empty() ? "" : ": " + error.text().found) +
+                (error.text().fix.empty() ? "" : "; " + error.text().fix);
+    } catch (const std::exception& error) {
+      problem = error.what();
+    }
+    engine.reset();
+    ++changes_;
+    const std::lock_guard lock(mutex_);
+    activity_ = arrivals == arrivals_ ? FlightActivity::blocked : FlightActivity::idle;
+    blocked_by_ = std::move(problem);
+  }
+}
+
+FlightDescription describe_flight(std::string name, std::string_view camera_text, const std::optional<LonLat>& start,
+                                  const std::string& package_name, const DeskPackage* package) {
+  if (package == nullptr && !start) {
+    throw UsageError({.what = "a flight without a map package needs a start",
+                      .expected = "the position of the first picture: odometry alone cannot find it",
+                      .fix = "give \"start\", or a \"package\""});
+  }
+  const CameraFile camera = read_camera(YamlNode::parse(camera_text, "camera"));
+  ReplaySetup setup{.frame = package != nullptr ? package->frame : LocalFrame(*start),
+                    .tiles = nullptr,
+                    .start = start,
+                    .integrity_risk = std::nullopt,
+                    .area = std::nullopt};
+  if (package != nullptr) {
+    const Mission& mission = package->package->mission();
+    setup.area = required_region(mission, package->frame).bounds();
+    setup.integrity_risk = mission.integrity.risk;
+    setup.surface = package->surface ? &*package->surface : nullptr;
+    setup.places = package->places ? &*package->places : nullptr;
+    setup.matchability = package->package->matchability();
+  }
+  SessionRecord session;
+  session.program = "nadir desk";
+  session.version = kVersion;
+  if (package != nullptr) {
+    session.package = package->manifest;
+    session.mission = package->package->manifest().mission_id;
+  }
+  session.camera = camera;
+  session.origin = setup.frame.origin();
+  session.start = start;
+  session.picture_shrink = decode_reduction(camera.camera.width, camera.camera.height);
+  session.localizer = localizer_config(setup);
+  session.terrain = setup.surface != nullptr;
+  session.places = setup.places != nullptr;
+  session.matchability = setup.matchability != nullptr;
+  session.settings = {{"odometry", "features"}, {"matcher", "channels"}};
+  return {.name = std::move(name),
+          .package = package_name,
+          .camera_text = std::string(camera_text),
+          .session = std::move(session)};
+}
+
+}  // namespace nadir

@@ -1,0 +1,128 @@
+// A flight that is open, and the thread that processes its pictures as they arrive.
+//
+//   LiveFlight flight(id, FlightStore::open(folder), folder, …);
+//   flight.accept(batch);          // stored; processed as soon as it is this flight's turn
+//   flight.request_completion();   // when the pictures so far are processed: refined estimates
+//
+// There is one engine per flight at a time. Engines of several flights take turns, frame by frame, for a few slots
+// (EngineSlots): a long flight does not hold up a short one. What must survive a kill is in the store; a wish to
+// complete the flight is a file beside it until it is fulfilled.
+//
+// Where processing ends in an error (a picture is missing, the disk is full), the flight is blocked until something
+// new arrives: then it is tried again.
+#pragma once
+
+#include <atomic>
+#include <condition_variable>
+#include <deque>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <string_view>
+#include <thread>
+#include <vector>
+
+#include "flights/flight_engine.hpp"
+#include "flights/flight_store.hpp"
+
+namespace nadir {
+
+struct DeskPackage;
+class PackageRegistry;
+
+// So many engines may work at a time. Whoever has waited longest is next.
+class EngineSlots {
+ public:
+  explicit EngineSlots(std::size_t count) : free_(count) {}
+
+  bool take(const std::stop_token& stop);  // false: stopped while it waited
+  void give();
+  bool wanted() const;  // by somebody who waits
+
+ private:
+  mutable std::mutex mutex_;
+  std::condition_variable_any news_;
+  std::size_t free_;
+  std::uint64_t next_ticket_ = 0;
+  std::deque<std::uint64_t> waiting_;
+};
+
+enum class FlightActivity {
+  idle,        // nothing to do
+  waiting,     // for a slot
+  processing,  // pictures
+  completing,  // refined estimates
+  blocked      // by an error
+};
+std::string_view name_of(FlightActivity activity);
+
+struct FlightStatus {
+  FlightActivity activity = FlightActivity::idle;
+  std::string blocked_by;  // the error
+  std::size_t accepted = 0, processed = 0;
+  bool completion_requested = false;
+  bool completed = false;  // refined estimates of all accepted pictures are stored
+};
+
+class LiveFlight {
+ public:
+  // packages, slots: must outlive this. The engine is made when there is work.
+  LiveFlight(std::string id, std::unique_ptr<FlightStore> store, std::filesystem::path folder,
+             PackageRegistry& packages, EngineSlots& slots, MillisClock clock);
+  ~LiveFlight();  // ends the frame that is being processed: it will be processed again
+  LiveFlight(const LiveFlight&) = delete;
+  LiveFlight& operator=(const LiveFlight&) = delete;
+
+  const std::string& id() const { return id_; }
+  const FlightStore& store() const { return *store_; }
+  FlightStatus status() const;
+  bool busy() const;  // works, or waits to
+
+  // As FlightStore's, from any thread.
+  std::vector<PictureAnswer> accept(std::span<const PictureOffer> batch);
+  UserFix add_fix(const LonLat& place, double radius_m, std::string_view by);
+  // Throws UsageError for a flight without pictures.
+  void request_completion();
+
+  // Grows when the flight has changed: its events are worth reading again.
+  std::uint64_t changes() const { return changes_; }
+
+ private:
+  void run(const std::stop_token& stop);
+  void work(const std::stop_token& stop, std::unique_ptr<FlightEngine>& engine);
+  std::unique_ptr<FlightEngine> make_engine();
+  void wake();
+  bool has_work() const;  // `mutex_` held
+  void set(FlightActivity activity);
+
+  const std::string id_;
+  const std::unique_ptr<FlightStore> store_;
+  const std::filesystem::path completion_file_;
+  PackageRegistry& packages_;
+  EngineSlots& slots_;
+  const MillisClock clock_;
+  std::unique_ptr<const CheckedTiles> tiles_;  // of the engine's own
+  std::shared_ptr<const DeskPackage> package_;
+
+  mutable std::mutex mutex_;
+  std::condition_variable_any news_;
+  FlightActivity activity_ = FlightActivity::idle;
+  std::string blocked_by_;
+  bool completion_requested_ = false;
+  bool completed_ = false;
+  std::uint64_t arrivals_ = 0;  // of pictures, fixes and wishes
+  std::atomic<std::uint64_t> changes_ = 1;
+  std::jthread thread_;  // last: it uses all of the above
+};
+
+// The description of a new flight, as `nadir replay` would begin it. package: null for odometry alone, which needs a
+// start. Throws UsageError without both, and for a camera text that is no camera.yaml.
+FlightDescription describe_flight(std::string name, std::string_view camera_text, const std::optional<LonLat>& start,
+                                  const std::string& package_name, const DeskPackage* package);
+
+}  // namespace nadir

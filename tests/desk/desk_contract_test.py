@@ -1,0 +1,68 @@
+#!/usr/bin/env python3
+"""Does the desk keep to schemas/desk.openapi.json? Schemathesis makes requests from the contract, right ones and wrong
+ones, and checks every answer against it.
+
+usage: desk_contract_test.py NADIR PROJECT_ROOT
+Exit code 77: there is no schemathesis in this Python.
+"""
+import importlib.util
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+ROOT = pathlib.Path(sys.argv[2])
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+from desk_support import Desk, make_world  # noqa: E402
+import support  # noqa: E402
+
+# 422 and 404 are answers to right questions: there is no such flight, package or frame; the reason stands in the answer.
+SETTINGS = """
+[checks.positive_data_acceptance]
+expected-statuses = ["2xx", "401", "403", "404", "409", "422", "429"]
+
+# What a schema cannot say: the query describes a single picture, and belongs to no batch.
+[[operations]]
+include-path = "/v1/flights/{flight}/pictures"
+[operations.checks.positive_data_acceptance]
+expected-statuses = ["2xx", "400", "404", "422"]
+"""
+
+
+class Contract(support.EndToEnd):
+    def test_no_violation(self):
+        desk = Desk(self.folder / "desk", support.made_once("desk world", make_world)).start()
+        self.addCleanup(desk.stop)
+        flight = desk.create(package="valley")
+        desk.send(flight, desk.frames()[:3])
+        desk.settled(flight)
+        self.assertEqual(json.loads((ROOT / "schemas" / "desk.openapi.json").read_text()), desk.json("GET", "/v1/openapi.json", expect=200))
+        # The flight and the package that are there, so that more than 404 is seen. An event stream never ends.
+        contract = json.loads((ROOT / "schemas" / "desk.openapi.json").read_text())
+        for path, item in contract["paths"].items():
+            for parameter in item.get("parameters", []):
+                if parameter["name"] == "flight":
+                    parameter["schema"] = {"type": "string", "enum": [flight.rsplit("/", 1)[1], "0123456789ab"]}
+                if parameter["name"] == "frame":
+                    parameter["schema"] = {"type": "integer", "minimum": 0, "maximum": 4}
+        with tempfile.TemporaryDirectory() as folder:
+            known = pathlib.Path(folder) / "desk.openapi.json"
+            known.write_text(json.dumps(contract))
+            settings = pathlib.Path(folder) / "schemathesis.toml"
+            settings.write_text(SETTINGS)
+            result = subprocess.run(
+                [sys.executable, "-m", "schemathesis.cli", "--config-file", settings, "run", known, "--url", desk.url, "--exclude-path",
+                 "/v1/flights/{flight}/events", "--max-examples", "25", "--seed", "1", "--generation-database", "none", "--phases",
+                 "examples,coverage,fuzzing", "--no-color"],
+                cwd=folder, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+        self.assertEqual(0, result.returncode, result.stdout + result.stderr)
+        print(result.stdout[-900:])
+
+
+if __name__ == "__main__":
+    if not importlib.util.find_spec("schemathesis"):
+        print("SKIPPED: this Python has no schemathesis; see .ci/python-requirements.txt", file=sys.stderr)
+        sys.exit(77)
+    unittest.main(argv=[sys.argv[0]], verbosity=2)

@@ -1,0 +1,130 @@
+#!/usr/bin/env python3
+"""`nadir desk serve` as a user calls it: over a simulated map, killed at random moments, with a token beyond loopback.
+
+usage: desk_serve_test.py NADIR
+"""
+import csv
+import io
+import pathlib
+import random
+import sys
+import threading
+import time
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+from desk_support import FRAMES, Desk, make_world  # noqa: E402
+import support  # noqa: E402
+
+KILLS = 12
+
+
+class DeskServe(support.EndToEnd):
+    def desk(self, *options):
+        desk = Desk(self.folder / "desk", support.made_once("desk world", make_world), *options)
+        self.addCleanup(lambda: desk.process and desk.process.poll() is None and desk.kill())
+        return desk
+
+    def replayed(self, made, at):
+        """estimates.csv of `nadir replay` over the same frames."""
+        flight, out = made / "flight", self.folder / "replay"
+        self.good("replay", "--package", made / "package", "--trust", made / "root.json", "--at", at, "--frames", flight / "frames", "--telemetry",
+                  flight / "telemetry.csv", "--camera", flight / "camera.yaml", "--out", out)
+        return (out / "estimates.csv").read_text(), (out / "refined.csv").read_text()
+
+    @staticmethod
+    def rows(text):
+        """By frame, without what differs between two runs of the same: how long each took."""
+        return [{name: value for name, value in row.items() if name != "latency_ms"} for row in csv.DictReader(io.StringIO(text))]
+
+    def test_pictures_become_the_track_of_replay(self):
+        desk = self.desk().start()
+        self.assertEqual("valley", desk.json("GET", "/v1/packages", expect=200)["packages"][0]["name"])
+        flight = desk.create(package="valley")
+        answers = desk.send(flight, desk.frames())
+        self.assertEqual({"accepted"}, {answer["outcome"] for answer in answers.values()})
+        desk.settled(flight)
+        desk.json("POST", flight + "/complete", expect=202)
+        self.assertEqual("completed", desk.settled(flight)["state"])
+        online, refined = self.replayed(desk.made, desk.at)
+        for kind, replayed in (("online", online), ("refined", refined)):
+            status, _, exported = desk.call("GET", f"{flight}/export?format=csv&kind={kind}")
+            self.assertEqual(200, status)
+            self.assertEqual(self.rows(replayed), self.rows(exported.decode()), kind)
+        estimates = desk.json("GET", flight + "/estimates", expect=200)["estimates"]
+        anchored = [estimate["frame"] for estimate in estimates if estimate["source"] == "satellite_anchored"]
+        self.assertGreater(len(anchored), FRAMES // 2)
+        look = desk.json("GET", f"{flight}/looks/{anchored[0]}", expect=200)
+        self.assertEqual(("accepted", True, True), (look["verdict"], look["seen"], look["map"]))
+        for image in (f"looks/{anchored[0]}/seen", f"looks/{anchored[0]}/map", "pictures/0?preview=true"):
+            status, headers, data = desk.call("GET", f"{flight}/{image}")
+            self.assertEqual((200, "image/jpeg", b"\xff\xd8"), (status, headers["Content-Type"], data[:2]), image)
+        self.assertEqual(0, desk.stop())
+
+    def test_a_kill_loses_nothing_that_was_accepted(self):
+        generator, desk = random.Random(5), self.desk()
+        desk.start()
+        flight = desk.create(package="valley")
+        accepted, seen, fixes = {}, {}, 0
+        waiting = desk.frames()
+        for kill in range(KILLS):
+            if kill:
+                desk.start()
+            for row in desk.json("GET", flight + "/estimates", expect=200)["estimates"]:
+                self.assertEqual(seen.get(row["frame"], row), row, "an estimate that was seen before the kill is another one now")
+                seen[row["frame"]] = row
+            # One that was killed while it was answered is stored or not.
+            self.assertGreaterEqual(len(desk.json("GET", flight + "/fixes", expect=200)["fixes"]), fixes)
+            killer = threading.Timer(generator.uniform(0.02, 0.9), desk.kill)
+            killer.start()
+            try:
+                while True:
+                    batch, waiting = waiting[:2], waiting[2:]
+                    if not batch:
+                        time.sleep(0.02)
+                        desk.json("GET", flight, expect=200)
+                        continue
+                    try:
+                        answers = desk.send(flight, batch)
+                    except ConnectionError:
+                        waiting = batch + waiting  # nobody knows: it is sent again
+                        raise
+                    self.assertLessEqual({answer["outcome"] for answer in answers.values()}, {"accepted", "known"})
+                    accepted.update({name: answer["frame"] for name, answer in answers.items()})
+                    if len(accepted) == 4:
+                        desk.json("POST", flight + "/fixes", {"lat": 47.4, "lon": 8.5, "radius_m": 400}, 201)
+                        fixes += 1
+            except ConnectionError:
+                pass
+            killer.join()
+        desk.start()
+        while waiting:
+            batch, waiting = waiting[:2], waiting[2:]
+            accepted.update({name: answer["frame"] for name, answer in desk.send(flight, batch).items()})
+        document = desk.settled(flight)
+        self.assertEqual(FRAMES, document["pictures"]["processed"])
+        estimates = desk.json("GET", flight + "/estimates", expect=200)["estimates"]
+        self.assertEqual(accepted, {row["name"]: row["frame"] for row in estimates})
+        events = desk.events(flight, 0, document["last_event"])
+        self.assertEqual(list(range(1, document["last_event"] + 1)), [number for number, _, _ in events])
+        processed = [data["frame"] for _, kind, data in events if kind == "frame_processed"]
+        self.assertEqual(list(range(FRAMES)), processed, "each frame once, in order")
+        self.assertEqual(0, desk.stop())
+
+    def test_beyond_loopback_only_with_a_token(self):
+        desk = self.desk()
+        self.fails(2, "desk", "serve", "--root", desk.root, "--listen", "0.0.0.0:0", mentions=["token"])
+        token = self.folder / "token"
+        token.touch(0o600)
+        token.write_text("a-secret-of-the-desk\n")
+        desk.options = ("--token-file", token)
+        desk.start("0.0.0.0:0")
+        status, headers, _ = desk.call("GET", "/v1/flights")
+        self.assertEqual((401, "Bearer"), (status, headers["WWW-Authenticate"]))
+        self.assertEqual(200, desk.call("GET", "/v1/flights", headers={"Authorization": "Bearer a-secret-of-the-desk"})[0])
+        self.assertEqual(200, desk.call("GET", "/")[0])
+        self.fails(2, "desk", "serve", "--root", desk.root, "--listen", "127.0.0.1:0", mentions=["another desk"])
+        self.assertEqual(0, desk.stop())
+
+
+if __name__ == "__main__":
+    support.main()
