@@ -261,12 +261,8 @@ std::string_view name_of(LocationProblem problem) {
 }
 
 ErrorEllipse error_ellipse_95(const Eigen::Matrix2d& covariance_m2) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> solver(covariance_m2);
-  const Eigen::Vector2d axes = (solver.eigenvalues().cwiseMax(0) * table::kChi2Of95).cwiseSqrt();
-  const Eigen::Vector2d major = solver.eigenvectors().col(1);
-  double azimuth = std::atan2(major.x(), major.y());
-  if (azimuth < 0) azimuth += kPi;
-  return {axes[1], axes[0], azimuth >= kPi ? azimuth - kPi : azimuth};
+  const double scale = table::kChi2Of95;
+  return error_ellipse(scale * covariance_m2(0, 0), scale * covariance_m2(0, 1), scale * covariance_m2(1, 1));
 }
 
 std::variant<LocatedObject, LocationProblem> place_object(const CameraModel& camera, const GroundSurface& ground,

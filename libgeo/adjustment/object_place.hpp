@@ -29,6 +29,7 @@
 
 #include "adjustment/adjustment_parameters.hpp"
 #include "adjustment/pose_covariance.hpp"
+#include "geodesy/error_ellipse.hpp"
 #include "vision/ground_surface.hpp"
 
 namespace nadir {
@@ -42,11 +43,6 @@ struct ObjectSighting {
   std::size_t frame = 0;  // in the list of frames
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
   double sigma_px = parameters::adjustment::kClickSigma_px;  // each axis
-};
-
-struct ErrorEllipse {
-  double semi_major_m = 0, semi_minor_m = 0;
-  double azimuth_rad = 0;  // of the major axis, clockwise from north, 0 to π
 };
 
 struct LocatedObject {

@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "base/printable.hpp"
-#include "estimation/error_ellipse.hpp"
+#include "geodesy/error_ellipse.hpp"
 #include "geodesy/angles.hpp"
 #include "replay/track_files.hpp"
 #include "report/page_text.hpp"

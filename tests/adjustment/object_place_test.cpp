@@ -86,7 +86,7 @@ TEST(ObjectPlace, UnderTheCameraInClosedForm) {
   // 3 m of the position, 1 m of the tilt, 0.2 m of the pixel; straight down the ground's height does not matter.
   EXPECT_NEAR(object.covariance_m2(0, 0), 9 + 1 + 0.04, 0.01);
   EXPECT_NEAR(object.covariance_m2(2, 2), 16, 0.01);
-  EXPECT_NEAR(object.ellipse_95.semi_major_m, std::sqrt(5.991 * 10.04), 0.01);
+  EXPECT_NEAR(object.ellipse_95.major_m, std::sqrt(5.991 * 10.04), 0.01);
   EXPECT_EQ(object.degrees_of_freedom, 0);
   EXPECT_TRUE(object.agrees);
 }
@@ -98,9 +98,9 @@ TEST(ObjectPlace, ASightingFromTheSideErrsAlongItsRay) {
   const LocatedObject object =
       located(place_object(object_camera(), ground, frames, std::vector<ObjectSighting>{{0, {599.5, 449.5}, 0.1}}, 5));
   EXPECT_LT(distance_m(object.place, {100, 0}), 1e-3);
-  EXPECT_NEAR(object.ellipse_95.semi_major_m, std::sqrt(5.991) * 5, 0.05);  // 1 m of height is 1 m along
-  EXPECT_LT(object.ellipse_95.semi_minor_m, 0.5);
-  EXPECT_NEAR(object.ellipse_95.azimuth_rad, kPi / 2, 1e-3);
+  EXPECT_NEAR(object.ellipse_95.major_m, std::sqrt(5.991) * 5, 0.05);  // 1 m of height is 1 m along
+  EXPECT_LT(object.ellipse_95.minor_m, 0.5);
+  EXPECT_NEAR(object.ellipse_95.bearing_deg, 90, 0.06);
 }
 
 TEST(ObjectPlace, TheRayStopsAtTheFirstGround) {

@@ -72,7 +72,7 @@ void print_object(const AdjustedBlock& adjusted, const DrawnBlock& block, const 
     if (object == nullptr) continue;
     std::cout << fmt::format(
         "object from {} sightings: {:.2f} ms of CPU, 95 % within {:.1f} x {:.1f} m, {:.1f} m off\n", count, ms,
-        object->ellipse_95.semi_major_m, object->ellipse_95.semi_minor_m,
+        object->ellipse_95.major_m, object->ellipse_95.minor_m,
         distance_m(object->place, {block.points_m[best].x(), block.points_m[best].y()}));
   }
 }
