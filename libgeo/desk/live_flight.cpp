@@ -225,7 +225,7 @@ void LiveFlight::work(const std::stop_token& stop, std::unique_ptr<FlightEngine>
 }
 
 void LiveFlight::run(const std::stop_token& stop) {
-  begin_thread("flight", ThreadPriority::low);
+  begin_thread("flight", ThreadPriority::normal);
   std::unique_ptr<FlightEngine> engine;
   for (;;) {
     std::uint64_t arrivals = 0;
