@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "base/printable.hpp"
-#include "geodesy/error_ellipse.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/error_ellipse.hpp"
 #include "replay/track_files.hpp"
 #include "report/page_text.hpp"
 

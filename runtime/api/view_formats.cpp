@@ -10,8 +10,8 @@
 #include <nlohmann/json.hpp>
 
 #include "base/printable.hpp"
-#include "estimation/error_ellipse.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/error_ellipse.hpp"
 
 namespace nadir {
 namespace {
