@@ -90,7 +90,7 @@ class DeskPage(support.EndToEnd):
         browser.wait_for(TEXT.format("events") + ".includes('anchored to the map')")
         for image in ("image-picture", "image-seen", "image-map"):
             browser.wait_for(SHOWN.format(image))
-        self.assertIn("patches agree", browser.evaluate(TEXT.format("verdict")))
+        browser.wait_for(TEXT.format("verdict") + ".includes('patches agree')")
         browser.wait_for("document.querySelectorAll('#map img').length > 0")
         self.keep(browser, "live")
 
