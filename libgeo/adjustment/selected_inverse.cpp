@@ -128,6 +128,7 @@ Eigen::MatrixXd SelectedInverse::solve(const Eigen::MatrixXd& b) const {
   const std::size_t size = diagonal_.size();
   const auto at = [](std::size_t block) { return static_cast<Eigen::Index>(6 * block); };
   Eigen::MatrixXd x(b.rows(), b.cols());
+  if (b.cols() == 0) return x;  // Eigen's triangular solver takes an element's address
   for (std::size_t i = 0; i < size; ++i) x.middleRows<6>(at(position_[i])) = b.middleRows<6>(at(i));
   for (std::size_t j = 0; j < size; ++j) {
     const Eigen::MatrixXd solved = diagonal_[j].triangularView<Eigen::Lower>().solve(x.middleRows<6>(at(j)));

@@ -7,14 +7,18 @@
 namespace nadir {
 namespace {
 
-// Without a checksum test: the frame's reader has made it.
-mavlink_message_t message_of(const MavlinkFrame& frame) {
+// Without a checksum test: the frame's reader has made it. By decode(), because the generated getters of single fields
+// read them where they lie, aligned or not.
+template <class Wire>
+Wire wire_of(const MavlinkFrame& frame, void (*decode)(const mavlink_message_t*, Wire*)) {
   mavlink_message_t working{}, message{};
   mavlink_status_t status{};
   for (const std::uint8_t byte : frame.bytes) {
     mavlink_frame_char_buffer(&working, &status, byte, &message, nullptr);
   }
-  return message;
+  Wire wire{};
+  decode(&message, &wire);
+  return wire;
 }
 
 // Microseconds since 1970 or since boot, told apart by their magnitude as MAVLink prescribes.
@@ -29,24 +33,21 @@ void set_time(PictureReport& report, std::uint64_t us) {
 std::optional<PictureReport> decode_picture_report(const MavlinkFrame& frame) {
   PictureReport report;
   if (frame.message_id == MAVLINK_MSG_ID_CAMERA_FEEDBACK) {
-    const mavlink_message_t message = message_of(frame);
     report.kind = PictureReport::Kind::feedback;
-    set_time(report, mavlink_msg_camera_feedback_get_time_usec(&message));
+    set_time(report, wire_of(frame, mavlink_msg_camera_feedback_decode).time_usec);
     return report;
   }
   if (frame.message_id == MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED) {
-    const mavlink_message_t message = message_of(frame);
-    if (mavlink_msg_camera_image_captured_get_capture_result(&message) != 1) return std::nullopt;
+    const auto captured = wire_of(frame, mavlink_msg_camera_image_captured_decode);
+    if (captured.capture_result != 1) return std::nullopt;
     report.kind = PictureReport::Kind::captured;
-    set_time(report, mavlink_msg_camera_image_captured_get_time_utc(&message));
-    const std::uint32_t boot_ms = mavlink_msg_camera_image_captured_get_time_boot_ms(&message);
-    if (boot_ms != 0) report.boot_s = boot_ms * 1e-3;
+    set_time(report, captured.time_utc);
+    if (captured.time_boot_ms != 0) report.boot_s = captured.time_boot_ms * 1e-3;
     return report;
   }
   if (frame.message_id == MAVLINK_MSG_ID_CAMERA_TRIGGER) {
-    const mavlink_message_t message = message_of(frame);
     report.kind = PictureReport::Kind::triggered;
-    set_time(report, mavlink_msg_camera_trigger_get_time_usec(&message));
+    set_time(report, wire_of(frame, mavlink_msg_camera_trigger_decode).time_usec);
     return report;
   }
   return std::nullopt;

@@ -102,7 +102,8 @@ TEST_F(DeskServiceTest, ADamagedFlightIsListedAndHarmsNoOther) {
   const auto file = options.root / "flights" / flight.substr(flight.rfind('/') + 1) / kFlightFile;
   write_file_atomic(file, std::string_view("no database"));
   open();
-  for (const auto& listed : read("/v1/flights")["flights"]) {
+  const auto list = read("/v1/flights");
+  for (const auto& listed : list["flights"]) {
     EXPECT_EQ(listed["state"] == "damaged", flight.ends_with(listed["id"].get<std::string>())) << listed;
   }
   EXPECT_GE(call(get(flight)).status, 400);
