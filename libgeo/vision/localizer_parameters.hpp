@@ -431,7 +431,7 @@ inline constexpr double kPoorDetectionOdds = 0.27;
 inline constexpr int kDetectionSamples = 5;        // of a hypothesis, a side: their mean; numerical
 inline constexpr double kInitialVisibility = 0.8;  // before any look, that the map shows the place; chosen
 // Over a footprint of new ground the chance that the map shows the place returns to kInitialVisibility by so much of
-// the difference. Chosen: with 0.05 chance peaks under clouds are hazardous ten times as often (docs/safety-case.md).
+// the difference. Chosen: with 0.05 chance peaks under clouds are hazardous more often (docs/safety-case.md).
 inline constexpr double kVisibilityChange = 0.02;
 inline constexpr double kForeignFrame = 1e-4;       // the frame is of another moment; chosen …
 inline constexpr double kForeignBrokenFrame = 0.5;  // … where it does not continue the previous one: one of the two is
