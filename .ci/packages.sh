@@ -56,6 +56,7 @@ packages_fuzz=(
   libomp-19-dev              # OpenMP for what is built with clang
 )
 packages_test=(
+  curl                       # the desk's API as docs/put-photos-on-the-map.md calls it
   libsqlite3-mod-spatialite  # sqlite3 judges the catalogue's geometries
   postgresql-15              # a real server, which the tests of the catalogue start and stop
   postgresql-15-postgis-3    # its geometries

@@ -17,7 +17,8 @@ python3 -m venv "$folder" >&2 || {
   echo "python: cannot make a virtual environment; to do: apt-get install python3-venv" >&2
   exit 2
 }
-"$folder/bin/pip" install --quiet --disable-pip-version-check --prefer-binary -r "$requirements" >&2 || {
+# --no-deps: the list names all that is needed.
+"$folder/bin/pip" install --quiet --disable-pip-version-check --prefer-binary --no-deps -r "$requirements" >&2 || {
   rm -rf "$folder"
   cat >&2 <<TEXT
 python: the packages of $requirements could not be installed (see above).

@@ -1,7 +1,15 @@
 #!/usr/bin/env bash
 # From imagery to a position, from flown frames to the next map, and a live flight, over a simulated landscape, with the
-# programs as a user calls them. Exit code 1: the live flight violated a rule of docs/onboard.md.
+# programs as a user calls them. At the end the flight is at the desk, which stays open where somebody sits at a terminal.
+# Exit code 1: the live flight violated a rule of docs/onboard.md.
+#
+# usage: ./run demo [--no-desk]
 set -euo pipefail
+desk=yes
+for option in "$@"; do
+  [[ $option == --no-desk ]] || { echo "usage: ./run demo [--no-desk]" >&2; exit 2; }
+  desk=no
+done
 out=demo
 nadir=build/bin/nadir
 service=build/bin/nadir-candidates
@@ -84,5 +92,13 @@ judged=0
 echo_and_run build-venv/bin/python -B tests/e2e/closed_loop.py --scenario demo --minutes 2.2 --signed --inputs $out --airframe mini-07 --width 1280 \
   --out $out/live --report $out/live.html --check rules || judged=$?
 
-say "Done in $((SECONDS - started)) s. Open $out/report/report.html and $out/live.html"
+if [[ $desk == yes ]]; then
+  say "11  The flight at the desk: its frames are sent in batches, localized as they arrive, and refined"
+  stay=()
+  [[ -t 1 ]] || stay=(--leave)
+  say "Done in $((SECONDS - started)) s. Open $out/report/report.html and $out/live.html, and the desk:"
+  python3 -B missions/demo_desk.py $out --nadir $nadir --at "$created" --start "$(start_of $out/flight)" "${stay[@]}"
+else
+  say "Done in $((SECONDS - started)) s. Open $out/report/report.html and $out/live.html"
+fi
 exit $judged

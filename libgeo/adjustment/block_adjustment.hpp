@@ -26,7 +26,7 @@
 // are too few of them to outweigh height measurements and anchors. A point beyond four σ (a tower; a false match, which
 // two rays cannot tell) is left out of this prior.
 //
-// The principal point is not adjusted: seen from above it cannot be told from a boresight of pitch and roll.
+// The principal point is not adjusted: seen from above it cannot be distinguished from a boresight of pitch and roll.
 //
 // Method. Minimise the sum of squares by Levenberg and Marquardt's method with points eliminated (Schur complement;
 // Triggs, McLauchlan, Hartley and Fitzgibbon 1999, "Bundle Adjustment: A Modern Synthesis"), in Ceres (Agarwal, Mierle

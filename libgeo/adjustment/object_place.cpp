@@ -11,6 +11,7 @@
 #include "adjustment/residuals.hpp"
 #include "base/error.hpp"
 #include "geodesy/angles.hpp"
+#include "vision/ground_ray.hpp"
 
 namespace nadir {
 namespace {
@@ -22,31 +23,18 @@ Vector3 centre_of(const CameraPose& pose, const GroundSurface& ground) {
   return {pose.position.east_m, pose.position.north_m, pose.agl_m + ground.height_m(pose.position)};
 }
 
+constexpr GroundMarch kMarch{.share = table::kMarchShare,
+                             .least_m = table::kMarchLeast_m,
+                             .most_m = table::kMarchMost_m,
+                             .range_m = table::kMaxRange_m,
+                             .bisections = table::kHitBisections};
+
 // The first point of the ray on the ground.
 std::variant<Vector3, LocationProblem> first_hit(const Vector3& centre, const Vector3& direction,
                                                  const GroundSurface& ground) {
-  if (direction.z() >= 0) return LocationProblem::above_horizon;
-  const auto clearance = [&](double along) {
-    const Vector3 at = centre + along * direction;
-    return at.z() - ground.height_m({at.x(), at.y()});
-  };
-  double before = 0, above = clearance(0);
-  if (!(above > 0)) return LocationProblem::no_ground;  // the camera is under ground
-  while (before < table::kMaxRange_m) {
-    const double step = std::clamp(table::kMarchShare * above, table::kMarchLeast_m, table::kMarchMost_m);
-    double after = before + step;
-    above = clearance(after);
-    if (above > 0) {
-      before = after;
-      continue;
-    }
-    for (int i = 0; i < table::kHitBisections; ++i) {
-      const double middle = 0.5 * (before + after);
-      (clearance(middle) > 0 ? before : after) = middle;
-    }
-    return Vector3(centre + after * direction);
-  }
-  return LocationProblem::no_ground;
+  const auto hit = first_ground_point(centre, direction, ground, kMarch);
+  if (hit) return *hit;
+  return direction.z() >= 0 ? LocationProblem::above_horizon : LocationProblem::no_ground;
 }
 
 Eigen::Vector2d slope_of(const GroundSurface& ground, double east_m, double north_m) {

@@ -3,17 +3,18 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
-#include <charconv>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
 #include "base/error.hpp"
 #include "base/platform.hpp"
+#include "desk/desk_annotations.hpp"
 #include "desk/desk_documents.hpp"
+#include "desk/desk_imports.hpp"
 #include "desk/desk_page.hpp"
 #include "desk/desk_requests.hpp"
+#include "desk/desk_routes.hpp"
 #include "http/access.hpp"
 #include "http/multipart.hpp"
 #include "imagery/codecs.hpp"
@@ -21,142 +22,15 @@
 
 namespace nadir {
 
-enum class DeskPath {
-  page,
-  script,
-  style,
-  leaflet_script,
-  leaflet_style,
-  health,
-  contract,
-  packages,
-  tile,
-  flights,
-  flight,
-  pictures,
-  picture,
-  events,
-  estimates,
-  segments,
-  look,
-  seen,
-  map,
-  fixes,
-  complete,
-  export_track
-};
-
-// Where a path leads.
-struct DeskRoute {
-  DeskPath path = DeskPath::page;
-  std::string_view methods = "GET, HEAD";
-  std::string_view media{};  // of the body, separated by blanks; empty: there is none
-  std::uint64_t body_max = 0;
-  std::string name{};     // of the flight or the package
-  std::string tile{};     // "ZOOM/COLUMN/ROW"
-  std::size_t frame = 0;  // of a picture or a look
-};
-
 namespace {
 
 using nlohmann::json;
 
-constexpr std::string_view kJson = "application/json";
-constexpr std::string_view kPictureMedia = "multipart/form-data image/jpeg image/png image/webp";
 constexpr std::size_t kMaxRowsInAnswer = 10'000;
 constexpr std::size_t kEventsInPiece = 200;  // of a stream
 constexpr int kPreviewSide_px = 1024;
 constexpr int kPreviewQuality = 80;
 constexpr std::int64_t kPreviewTime_ms = 10'000;
-
-bool lists(std::string_view list, std::string_view word, char separator) {
-  for (std::size_t at = list.find(word); at != std::string_view::npos; at = list.find(word, at + 1)) {
-    const std::size_t end = at + word.size();
-    if ((at == 0 || list[at - 1] == ' ') && (end == list.size() || list[end] == separator)) return !word.empty();
-  }
-  return false;
-}
-
-std::optional<std::size_t> whole_number(std::string_view text) {
-  std::uint32_t value = 0;
-  const char* const end = text.data() + text.size();
-  const auto [stopped, error] = std::from_chars(text.data(), end, value);
-  if (error != std::errc{} || stopped != end || value > 1'000'000'000) return std::nullopt;
-  return value;
-}
-
-std::optional<DeskRoute> flight_route(const std::vector<std::string>& parts, std::string_view method,
-                                      const DeskApiOptions& options) {
-  DeskRoute route{.path = DeskPath::flight, .name = parts[2]};
-  if (parts.size() == 3) return route;
-  const std::string& what = parts[3];
-  if (parts.size() == 4) {
-    if (what == "pictures") {
-      route = {.path = DeskPath::pictures,
-               .methods = "POST",
-               .media = kPictureMedia,
-               .body_max = options.body_bytes,
-               .name = route.name};
-    } else if (what == "fixes") {
-      route.path = DeskPath::fixes, route.methods = "GET, HEAD, POST";
-      if (method == "POST") route.media = kJson, route.body_max = kMaxJsonBody;
-    } else if (what == "complete") {
-      route.path = DeskPath::complete, route.methods = "POST";
-    } else if (what == "events") {
-      route.path = DeskPath::events;
-    } else if (what == "estimates") {
-      route.path = DeskPath::estimates;
-    } else if (what == "segments") {
-      route.path = DeskPath::segments;
-    } else if (what == "export") {
-      route.path = DeskPath::export_track;
-    } else {
-      return std::nullopt;
-    }
-    return route;
-  }
-  const auto frame = whole_number(parts[4]);
-  if (!frame) return std::nullopt;
-  route.frame = *frame;
-  if (parts.size() == 5 && what == "pictures") {
-    route.path = DeskPath::picture;
-  } else if (parts.size() == 5 && what == "looks") {
-    route.path = DeskPath::look;
-  } else if (parts.size() == 6 && what == "looks" && (parts[5] == "seen" || parts[5] == "map")) {
-    route.path = parts[5] == "seen" ? DeskPath::seen : DeskPath::map;
-  } else {
-    return std::nullopt;
-  }
-  return route;
-}
-
-std::optional<DeskRoute> desk_route(std::string_view path, std::string_view method, const DeskApiOptions& options) {
-  static constexpr std::array<std::pair<std::string_view, DeskPath>, 8> kPlain{{
-      {"/", DeskPath::page},
-      {"/page.js", DeskPath::script},
-      {"/page.css", DeskPath::style},
-      {"/leaflet.js", DeskPath::leaflet_script},
-      {"/leaflet.css", DeskPath::leaflet_style},
-      {"/v1/health", DeskPath::health},
-      {"/v1/openapi.json", DeskPath::contract},
-      {"/v1/packages", DeskPath::packages},
-  }};
-  for (const auto& [plain, leads_to] : kPlain) {
-    if (path == plain) return DeskRoute{.path = leads_to};
-  }
-  const auto parts = path_parts(path);
-  if (!parts || parts->size() < 2 || parts->size() > 7 || parts->front() != "v1") return std::nullopt;
-  if ((*parts)[1] == "flights") {
-    if (parts->size() > 2) return flight_route(*parts, method, options);
-    DeskRoute route{.path = DeskPath::flights, .methods = "GET, HEAD, POST"};
-    if (method == "POST") route.media = kJson, route.body_max = kMaxJsonBody;
-    return route;
-  }
-  if ((*parts)[1] != "packages" || parts->size() != 7 || (*parts)[3] != "tiles") return std::nullopt;
-  return DeskRoute{.path = DeskPath::tile,
-                   .name = (*parts)[2],
-                   .tile = fmt::format("{}/{}/{}", (*parts)[4], (*parts)[5], (*parts)[6])};
-}
 
 ApiResponse later(int status, std::string type, std::string detail) {
   ApiResponse response = answer({.status = status, .type = std::move(type), .detail = std::move(detail)});
@@ -180,11 +54,6 @@ std::string detail_of(const Error& error) {
   if (!text.found.empty()) detail += "; found: " + text.found;
   if (!text.fix.empty()) detail += "; " + text.fix;
   return detail;
-}
-
-ApiResponse without_cache(ApiResponse response) {
-  response.headers.emplace_back("Cache-Control", "no-store");
-  return response;
 }
 
 ApiResponse image_answer(std::string_view bytes, ImageFormat format) {
@@ -298,13 +167,6 @@ ApiResponse look(const DeskRoute& route, const FlightStore& store) {
   return image_answer(as_text(image), ImageFormat::jpeg);
 }
 
-ApiResponse add_fix(const ApiRequest& request, LiveFlight& flight) {
-  auto parsed = parse_fix(request);
-  if (const auto* problem = std::get_if<Problem>(&parsed)) return answer(*problem);
-  const FixRequest fix = carried_to_the_present(std::move(std::get<FixRequest>(parsed)), flight.store());
-  return json_answer(201, fix_json(flight.add_fix(fix.place, fix.radius_m, fix.by)));
-}
-
 // Its share of the memory for bodies, until the response is written.
 struct DeskAdmission final : HttpAdmission {
   DeskAdmission(DeskRoute to, std::atomic<std::uint64_t>& all_bodies) : route(std::move(to)), all(all_bodies) {}
@@ -316,43 +178,6 @@ struct DeskAdmission final : HttpAdmission {
   std::atomic<std::uint64_t>& all;
   std::uint64_t share = 0;
 };
-
-std::string lane_of(const DeskRoute& route) {
-  switch (route.path) {
-    case DeskPath::tile: return "tiles";
-    case DeskPath::packages: return "packages";
-    case DeskPath::pictures: return "pictures " + route.name;
-    case DeskPath::picture:
-    case DeskPath::seen:
-    case DeskPath::map: return "images " + route.name;
-    default: return "flight " + route.name;
-  }
-}
-
-// Why the header alone is reason to refuse the request.
-std::optional<ApiResponse> refusal(const DeskRoute& route, const ApiRequest& header) {
-  if (!lists(route.methods, header.method, ',')) {
-    ApiResponse response =
-        answer({.status = 405, .type = "method", .detail = fmt::format("this path is called with {}", route.methods)});
-    response.headers.emplace_back("Allow", std::string(route.methods));
-    return response;
-  }
-  const bool takes_body = route.body_max > 0 && header.method == "POST";
-  if (header.other_encoding || (takes_body && !header.content_length)) {
-    return answer({.status = 411, .type = "length", .detail = "send the body as it is, with Content-Length"});
-  }
-  const std::uint64_t length = header.content_length.value_or(0);
-  if (length > (takes_body ? route.body_max : 0)) {
-    return answer({.status = 413,
-                   .type = "body-too-large",
-                   .detail = takes_body ? fmt::format("the body has at most {} bytes", route.body_max)
-                                        : "this call has no body"});
-  }
-  if (takes_body && !lists(route.media, media_type(header.content_type), ' ')) {
-    return answer({.status = 415, .type = "media-type", .detail = fmt::format("send one of: {}", route.media)});
-  }
-  return std::nullopt;
-}
 
 }  // namespace
 
@@ -373,7 +198,7 @@ std::variant<std::shared_ptr<HttpAdmission>, ApiResponse> DeskApi::admit(const A
     if (problem->status == 401) response.headers.emplace_back("WWW-Authenticate", "Bearer");
     return response;
   }
-  const auto route = desk_route(header.path(), header.method, options_);
+  const auto route = desk_route(header.path(), header.method, options_.body_bytes);
   if (!route) return not_found("path", "there is no such path; GET /v1/openapi.json describes them all");
   if (auto response = refusal(*route, header)) return *std::move(response);
   auto admission = std::make_shared<DeskAdmission>(*route, bodies_bytes_);
@@ -431,7 +256,8 @@ ApiResponse DeskApi::dispatch(const DeskRoute& route, const ApiRequest& request)
     case DeskPath::leaflet_script: return page_answer(map_page::leaflet_script, "text/javascript; charset=utf-8");
     case DeskPath::leaflet_style: return page_answer(map_page::leaflet_style, "text/css; charset=utf-8");
     case DeskPath::script:
-      return page_answer(fmt::format("{}{}{}{}", desk_page::dom, map_page::calls, map_page::map, desk_page::script),
+      return page_answer(fmt::format("{}{}{}{}{}{}", desk_page::dom, map_page::calls, map_page::base_map,
+                                     map_page::flight_map, map_page::picture, desk_page::script),
                          "text/javascript; charset=utf-8");
     default: break;
   }
@@ -446,6 +272,10 @@ ApiResponse DeskApi::dispatch(const DeskRoute& route, const ApiRequest& request)
     const auto listing = desk_.packages().find(route.name);
     if (!listing || !listing->package) return not_found("package", "there is no accepted package of this name");
     return tile_answer(listing->package->tiles.get(), route.tile);
+  }
+  if (route.path == DeskPath::imports || route.path == DeskPath::import_files ||
+      route.path == DeskPath::import_flight || route.path == DeskPath::import_item) {
+    return import_call(route, request, desk_);
   }
   if (route.path == DeskPath::flights) {
     if (request.method == "POST") return create(request);
@@ -466,8 +296,13 @@ ApiResponse DeskApi::flight_call(const DeskRoute& route, const ApiRequest& reque
     case DeskPath::events: return events(request, flight);
     case DeskPath::estimates: return estimates(request, store);
     case DeskPath::segments: return list_answer("segments", store.segments(), segment_json);
+    case DeskPath::footprint:
     case DeskPath::fixes:
-      return request.method == "POST" ? add_fix(request, *flight) : list_answer("fixes", store.fixes(), fix_json);
+    case DeskPath::fix:
+    case DeskPath::objects:
+    case DeskPath::object:
+    case DeskPath::sightings:
+    case DeskPath::sighting: return annotation_call(route, request, *flight, ground_of(store));
     case DeskPath::complete:
       if (store.accepted() == 0) {
         return answer({.status = 409, .type = "no-pictures", .detail = "send the flight's pictures first"});
@@ -477,6 +312,13 @@ ApiResponse DeskApi::flight_call(const DeskRoute& route, const ApiRequest& reque
     case DeskPath::export_track: return export_track(request, *flight);
     default: return look(route, store);
   }
+}
+
+FlightGround DeskApi::ground_of(const FlightStore& store) const {
+  const FlightDescription& flight = store.description();
+  const auto listing = flight.package.empty() ? std::nullopt : desk_.packages().find(flight.package);
+  const bool usable = listing && listing->package && flight.session.package == listing->package->manifest;
+  return {store, usable ? listing->package : nullptr};
 }
 
 ApiResponse DeskApi::create(const ApiRequest& request) const {

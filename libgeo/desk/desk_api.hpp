@@ -12,6 +12,7 @@
 #include <optional>
 
 #include "desk/desk_service.hpp"
+#include "desk/frame_geometry.hpp"
 #include "http/fair_queue.hpp"
 #include "http/server.hpp"
 
@@ -47,6 +48,7 @@ class DeskApi final : public HttpHandler {
   ApiResponse dispatch(const DeskRoute& route, const ApiRequest& request) const;
   ApiResponse flight_call(const DeskRoute& route, const ApiRequest& request,
                           const std::shared_ptr<LiveFlight>& flight) const;
+  FlightGround ground_of(const FlightStore& store) const;
   ApiResponse create(const ApiRequest& request) const;
   ApiResponse take_pictures(const ApiRequest& request, LiveFlight& flight) const;
   ApiResponse picture(const ApiRequest& request, std::size_t frame, const FlightStore& store) const;

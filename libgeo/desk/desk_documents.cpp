@@ -121,6 +121,7 @@ json flight_json(const FlightSummary& flight) {
   document["pictures"] = {{"accepted", flight.status.accepted}, {"processed", flight.status.processed}};
   document["completion_requested"] = flight.status.completion_requested;
   document["completed"] = flight.status.completed;
+  document["diagnosis"] = flight.status.diagnosis.empty() ? json() : json(printable(flight.status.diagnosis));
   return document;
 }
 
@@ -189,16 +190,6 @@ json segment_json(const FlightSegment& segment) {
           {"last_frame", segment.last_frame},
           {"state", name_of(segment.state)},
           {"anchored_frame", segment.anchored_frame ? json(*segment.anchored_frame) : json()}};
-}
-
-json fix_json(const UserFix& fix) {
-  json document = place(fix.place);
-  document["id"] = fix.id;
-  document["before_frame"] = fix.before_frame;
-  document["radius_m"] = number(fix.radius_m);
-  document["by"] = printable(fix.by);
-  document["time"] = to_rfc3339(fix.time);
-  return document;
 }
 
 json look_json(std::size_t frame, const AnchorReport& look, const StoredFrame& stored) {

@@ -24,7 +24,6 @@ nlohmann::json flight_json(const FlightSummary& flight, const FlightStore& store
 nlohmann::json answers_json(std::span<const PictureAnswer> answers);
 nlohmann::json estimate_json(std::size_t frame, const Estimate& estimate);
 nlohmann::json segment_json(const FlightSegment& segment);
-nlohmann::json fix_json(const UserFix& fix);
 nlohmann::json look_json(std::size_t frame, const AnchorReport& look, const StoredFrame& stored);
 
 // "id: …\nevent: …\ndata: …\n\n": the event's members, with its time and its frame.

@@ -25,9 +25,6 @@ constexpr std::size_t kMaxFlightName = 200;  // bytes
 constexpr std::size_t kMaxCamera = 16 * 1024;
 constexpr std::size_t kMaxRows = 100'000;
 constexpr double kMaxTime_s = 1e11;
-// Of the way since the frame that a person looked at: odometry's drift, and the speed of what it did not see. Chosen.
-constexpr double kDriftShare = 0.05;
-constexpr double kUnknownSpeed_mps = 40;
 
 constexpr NumberRange kLat{.low = -90, .high = 90}, kLon{.low = -180, .high = 180};
 
@@ -160,18 +157,24 @@ std::variant<std::vector<PictureOffer>, Problem> parse_batch(const ApiRequest& r
 
 }  // namespace
 
+NewFlight read_flight_members(BodyFields& body, CameraMember camera) {
+  constexpr JsonLength kCamera{.least = 1, .most = kMaxCamera};
+  NewFlight flight;
+  flight.name = body.text("name", {.least = 1, .most = kMaxFlightName});
+  flight.camera_text = camera == CameraMember::required ? body.text("camera", kCamera)
+                                                        : body.optional_text("camera", kCamera).value_or(std::string());
+  flight.package = body.optional_text("package", {.least = 1, .most = 64}).value_or(std::string());
+  if (auto start = body.optional_object("start")) {
+    const double lat_deg = start->number("lat", kLat), lon_deg = start->number("lon", kLon);
+    flight.start = LonLat{.lon_deg = lon_deg, .lat_deg = lat_deg};
+    start->finish();
+  }
+  return flight;
+}
+
 std::variant<NewFlight, Problem> parse_new_flight(const ApiRequest& request) {
   return read_body<NewFlight>(request, [](BodyFields& body, FieldErrors& /*errors*/) {
-    NewFlight flight;
-    flight.name = body.text("name", {.least = 1, .most = kMaxFlightName});
-    flight.camera_text = body.text("camera", {.least = 1, .most = kMaxCamera});
-    flight.package = body.optional_text("package", {.least = 1, .most = 64}).value_or(std::string());
-    if (auto start = body.optional_object("start")) {
-      const double lat_deg = start->number("lat", kLat), lon_deg = start->number("lon", kLon);
-      flight.start = LonLat{.lon_deg = lon_deg, .lat_deg = lat_deg};
-      start->finish();
-    }
-    return flight;
+    return read_flight_members(body, CameraMember::required);
   });
 }
 
@@ -190,41 +193,6 @@ std::vector<std::size_t> order_of_time(const std::vector<PictureOffer>& offers) 
   std::stable_sort(order.begin(), order.end(),
                    [&](std::size_t one, std::size_t other) { return time_of(one) < time_of(other); });
   return order;
-}
-
-std::variant<FixRequest, Problem> parse_fix(const ApiRequest& request) {
-  return read_body<FixRequest>(request, [](BodyFields& body, FieldErrors& /*errors*/) {
-    FixRequest fix;
-    fix.place.lat_deg = body.number("lat", kLat);
-    fix.place.lon_deg = body.number("lon", kLon);
-    fix.radius_m = body.number("radius_m", {.low = 0, .high = kMaxFixRadius_m, .above_low = true});
-    if (const auto frame = body.optional_integer("frame", 0, std::numeric_limits<int>::max())) {
-      fix.frame = static_cast<std::size_t>(*frame);
-    }
-    fix.by = body.optional_text("by", {.least = 1, .most = 100}).value_or(fix.by);
-    return fix;
-  });
-}
-
-FixRequest carried_to_the_present(FixRequest fix, const FlightStore& store) {
-  if (!fix.frame) return fix;
-  const std::vector<Estimate> since = store.estimates(EstimateKind::online, *fix.frame);
-  if (since.empty()) {
-    throw UsageError({.what = "a fix is of a frame that has been processed",
-                      .expected = fmt::format("a frame before {}", store.processed()),
-                      .found = fmt::format("frame {}", *fix.frame)});
-  }
-  const Estimate &then = since.front(), &now = since.back();
-  if (then.position && now.position && then.segment == now.segment) {
-    const LocalFrame frame(*then.position);
-    const PlanePoint way = frame.plane_from_lonlat(*now.position);
-    fix.place = LocalFrame(fix.place).lonlat_from_plane(way);
-    fix.radius_m += kDriftShare * std::hypot(way.east_m, way.north_m);
-  } else {
-    fix.radius_m += kUnknownSpeed_mps * std::max(0.0, now.time_s - then.time_s);
-  }
-  fix.radius_m = std::min(fix.radius_m, kMaxFixRadius_m);
-  return fix;
 }
 
 }  // namespace nadir

@@ -1,4 +1,4 @@
-// What callers send to a desk: new flights, pictures with their telemetry, fixes. What must be in it, and in one answer
+// What callers send to a desk: new flights, and pictures with their telemetry. What must be in it, and in one answer
 // all that is wrong with it.
 #pragma once
 
@@ -9,15 +9,17 @@
 
 #include "desk/desk_service.hpp"
 #include "flights/flight_store.hpp"
+#include "http/json_body.hpp"
 #include "http/message.hpp"
 
 namespace nadir {
 
-inline constexpr double kMaxFixRadius_m = 100'000;
-inline constexpr std::uint64_t kMaxJsonBody = 64 * 1024;
-
 // POST /v1/flights: {"name", "camera": the text of camera.yaml, "package"?, "start"?: {"lat", "lon"}}.
 std::variant<NewFlight, Problem> parse_new_flight(const ApiRequest& request);
+
+// Those members of a larger body; what else it has is the caller's.
+enum class CameraMember { required, optional };
+NewFlight read_flight_members(BodyFields& body, CameraMember camera);
 
 // POST /v1/flights/{id}/pictures, one picture or several:
 //
@@ -32,19 +34,5 @@ std::variant<std::vector<PictureOffer>, Problem> parse_pictures(const ApiRequest
 
 // The offers in the order of time, those without a time last; [i]: the index in `offers` of the i-th.
 std::vector<std::size_t> order_of_time(const std::vector<PictureOffer>& offers);
-
-struct FixRequest {
-  LonLat place;
-  double radius_m = 0;
-  std::optional<std::size_t> frame;  // where the aircraft was then; the last processed one otherwise
-  std::string by = "operator";
-};
-// POST /v1/flights/{id}/fixes: {"lat", "lon", "radius_m", "frame"?, "by"?}.
-std::variant<FixRequest, Problem> parse_fix(const ApiRequest& request);
-
-// The engine takes a fix before the next frame that it processes. A person looks at an earlier one: its place is moved
-// along the track since then, and its radius grows by what is not known of that way. Throws UsageError for a frame that
-// has not been processed.
-FixRequest carried_to_the_present(FixRequest fix, const FlightStore& store);
 
 }  // namespace nadir

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/error.hpp"
+#include "base/files.hpp"
 #include "base/plural.hpp"
 #include "base/printable.hpp"
 
@@ -20,6 +21,9 @@ namespace fs = std::filesystem;
 
 constexpr const char* kFlightsFolder = "flights";
 constexpr const char* kPackagesFolder = "packages";
+constexpr const char* kImportsFolder = "imports";
+constexpr std::size_t kImportBatch = 50;  // pictures that become part of a flight at once, and …
+constexpr std::uint64_t kImportBatchBytes = std::uint64_t{128} << 20;  // … their bytes, in memory
 constexpr std::size_t kIdDigits = 12;
 constexpr auto kResumeInterval = std::chrono::milliseconds(500);
 
@@ -76,6 +80,7 @@ DeskService::DeskService(DeskOptions options)
     : options_(completed(std::move(options))),
       lock_(lock_root(options_.root)),
       packages_(options_.root / kPackagesFolder, options_.trust, options_.judged_at),
+      imports_(options_.root / kImportsFolder, options_.limits.imports, options_.new_id),
       slots_(std::max<std::size_t>(1, options_.limits.engines)) {
   read_flights();
   resuming_ = std::jthread([this](const std::stop_token& stop) { resume_flights(stop); });
@@ -94,7 +99,7 @@ void DeskService::read_flights() {
   for (const auto& entry : fs::directory_iterator(options_.root / kFlightsFolder)) {
     const std::string id = entry.path().filename().string();
     if (!is_flight_id(id)) continue;
-    // A kill before the first transaction leaves a folder that nobody was told of.
+    // A kill before the first transaction leaves a folder that was never reported.
     FlightSummary summary{.id = id, .name = {}, .package = {}, .created = {}, .status = {}, .damaged = {}};
     try {
       if (!FlightStore::exists(entry.path())) continue;
@@ -199,6 +204,41 @@ std::shared_ptr<LiveFlight> DeskService::create(const NewFlight& flight) {
   std::string id = options_.new_id();
   while (known_.contains(id) || fs::exists(folder_of(id))) id = options_.new_id();
   return adopt(FlightStore::create(folder_of(id), description, options_.clock(), options_.store), id);
+}
+
+FinishedImport DeskService::finish_import(std::string_view id, NewFlight flight, const ImportRequest& stated) {
+  FinishedImport finished;
+  const ImportedPhotos imported = imports_.import(id, stated, flight.camera_text);
+  finished.result = imported.result;
+  if (finished.result.findings.has_errors()) return finished;
+  const auto begun = imports_.flight_of(id);
+  if (begun) finished.flight = open(*begun);
+  if (!finished.flight) {
+    flight.camera_text = imported.camera_text;
+    if (!flight.start) flight.start = finished.result.start;
+    finished.flight = create(flight);
+    imports_.set_flight(id, finished.flight->id());
+  }
+
+  std::vector<Bytes> held;
+  std::vector<PictureOffer> batch;
+  std::uint64_t held_bytes = 0;
+  const auto send = [&] {
+    for (PictureAnswer& answer : finished.flight->accept(batch)) finished.answers.push_back(std::move(answer));
+    batch.clear(), held.clear(), held_bytes = 0;
+  };
+  held.reserve(kImportBatch);
+  for (std::size_t i = 0; i < imported.rows.size(); ++i) {
+    held.push_back(read_file(imported.photos[i], options_.limits.imports.file_bytes));
+    held_bytes += held.back().size();
+    check_space(held_bytes);
+    batch.push_back(
+        {.name = imported.rows[i].frame, .telemetry = imported.rows[i], .bytes = held.back(), .folder = nullptr});
+    if (batch.size() == kImportBatch || held_bytes >= kImportBatchBytes) send();
+  }
+  if (!batch.empty()) send();
+  imports_.remove(id);
+  return finished;
 }
 
 std::shared_ptr<LiveFlight> DeskService::open(std::string_view id) {

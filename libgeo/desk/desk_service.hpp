@@ -2,6 +2,7 @@
 //
 //   ROOT/flights/ID/      a stored flight each (flights/flight_store.hpp)
 //   ROOT/packages/NAME/   map packages (package_registry.hpp)
+//   ROOT/imports/ID/      photos that are not a flight yet (photo_imports.hpp)
 //   ROOT/lock             held while a desk uses the folder
 //
 // Few flights are open at a time (DeskLimits::live_flights): one that is needed takes the place of the one that has
@@ -25,6 +26,7 @@
 #include "base/input_file.hpp"
 #include "desk/live_flight.hpp"
 #include "desk/package_registry.hpp"
+#include "desk/photo_imports.hpp"
 
 namespace nadir {
 
@@ -35,6 +37,7 @@ struct DeskLimits {
   std::size_t packages = 100;     // that are listed
   std::uint64_t keep_free_bytes = std::uint64_t{1} << 30;
   PictureLimits pictures;
+  ImportLimits imports;
 };
 
 struct DeskOptions {
@@ -63,6 +66,13 @@ struct FlightSummary {
   std::string damaged;  // why it cannot be opened; then only the id is known
 };
 
+// An import as a flight; without one where something is missing.
+struct FinishedImport {
+  ImportResult result;
+  std::shared_ptr<LiveFlight> flight;
+  std::vector<PictureAnswer> answers;
+};
+
 // No place is free for another open flight now: all are at work.
 class DeskBusy : public Error {
  public:
@@ -87,6 +97,11 @@ class DeskService {
   std::vector<FlightSummary> list();  // the newest first
   FlightSummary summary(const LiveFlight& flight) const;
 
+  PhotoImports& imports() { return imports_; }
+  // The photos of an import as a flight, whose camera is a draft where none is given. The import is removed then.
+  // Throws as create() and PhotoImports::import(); when it is called again after that, or after a kill, it goes on.
+  FinishedImport finish_import(std::string_view id, NewFlight flight, const ImportRequest& stated);
+
   // Throws OutOfSpace when storing so many bytes would leave less than is to be kept free.
   void check_space(std::uint64_t bytes) const;
 
@@ -102,6 +117,7 @@ class DeskService {
   const DeskOptions options_;
   FileDescriptor lock_;
   PackageRegistry packages_;
+  PhotoImports imports_;
   EngineSlots slots_;
   mutable std::mutex mutex_;
   std::map<std::string, FlightSummary, std::less<>> known_;  // every flight, as it was when it was last open

@@ -18,6 +18,8 @@ namespace nadir {
 namespace {
 
 constexpr const char* kCompletionFile = "completion-requested";
+constexpr const char* kDiagnosisFile = "diagnosis.txt";
+constexpr double kDiagnosis_s = 15;  // another flight may wait for its turn; chosen
 
 // Gives its slot back, also on the way out of an exception.
 class HeldSlot {
@@ -77,15 +79,17 @@ std::string_view name_of(FlightActivity activity) {
   return {};
 }
 
-LiveFlight::LiveFlight(std::string id, std::unique_ptr<FlightStore> store, std::filesystem::path folder,
+LiveFlight::LiveFlight(std::string id, std::unique_ptr<FlightStore> store, const std::filesystem::path& folder,
                        PackageRegistry& packages, EngineSlots& slots, MillisClock clock)
     : id_(std::move(id)),
       store_(std::move(store)),
-      completion_file_(std::move(folder) / kCompletionFile),
+      completion_file_(folder / kCompletionFile),
+      diagnosis_file_(folder / kDiagnosisFile),
       packages_(packages),
       slots_(slots),
       clock_(std::move(clock)) {
   completion_requested_ = std::filesystem::exists(completion_file_);
+  if (std::filesystem::exists(diagnosis_file_)) diagnosis_ = as_text(read_file(diagnosis_file_));
   const std::size_t processed = store_->processed();
   // Refined estimates belong to the frames that were there when the flight was completed.
   completed_ = processed > 0 && processed == store_->accepted() &&
@@ -103,6 +107,7 @@ FlightStatus LiveFlight::status() const {
   status.activity = activity_;
   status.blocked_by = blocked_by_;
   status.completion_requested = completion_requested_;
+  status.diagnosis = diagnosis_;
   status.completed = completed_ && status.accepted == status.processed;
   return status;
 }
@@ -131,10 +136,46 @@ std::vector<PictureAnswer> LiveFlight::accept(std::span<const PictureOffer> batc
   return answers;
 }
 
-UserFix LiveFlight::add_fix(const LonLat& place, double radius_m, std::string_view by) {
-  UserFix fix = store_->add_fix(place, radius_m, by, clock_());
+UserFix LiveFlight::add_fix(const UserFix& said) {
+  UserFix fix = store_->add_fix(said, clock_());
   wake();
   return fix;
+}
+
+std::optional<UserFix> LiveFlight::withdraw_fix(std::int64_t id) {
+  auto fix = store_->withdraw_fix(id, clock_());
+  ++changes_;
+  return fix;
+}
+
+MarkedObject LiveFlight::add_object(std::string_view name, const MarkedSighting& first, std::string_view by) {
+  MarkedObject object = store_->add_object(name, first, by, clock_());
+  ++changes_;
+  return object;
+}
+
+std::optional<MarkedObject> LiveFlight::add_sighting(std::int64_t object, const MarkedSighting& sighting) {
+  auto changed = store_->add_sighting(object, sighting, clock_());
+  ++changes_;
+  return changed;
+}
+
+std::optional<MarkedObject> LiveFlight::rename_object(std::int64_t id, std::string_view name) {
+  auto changed = store_->rename_object(id, name, clock_());
+  ++changes_;
+  return changed;
+}
+
+bool LiveFlight::remove_object(std::int64_t id) {
+  const bool removed = store_->remove_object(id, clock_());
+  ++changes_;
+  return removed;
+}
+
+bool LiveFlight::remove_sighting(std::int64_t object, std::int64_t sighting) {
+  const bool removed = store_->remove_sighting(object, sighting, clock_());
+  ++changes_;
+  return removed;
 }
 
 void LiveFlight::request_completion() {
@@ -159,7 +200,67 @@ void LiveFlight::set(FlightActivity activity) {
   ++changes_;
 }
 
+void LiveFlight::keep_diagnosis(std::string text) {
+  if (text.empty()) {
+    std::error_code ignored;
+    std::filesystem::remove(diagnosis_file_, ignored);
+  } else {
+    write_file_atomic(diagnosis_file_, std::string_view(text));
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    diagnosis_ = std::move(text);
+  }
+  ++changes_;
+}
+
+void LiveFlight::watch(AnchorVerdict verdict, const std::stop_token& stop) {
+  const bool due = no_fix_watch_.due(verdict);
+  const bool known = !status().diagnosis.empty();
+  if (no_fix_watch_.anchored() && known) keep_diagnosis({});
+  if (due && !known) keep_diagnosis(diagnose(stop));
+}
+
+// Of the pictures that are there: most flights begin with a batch. Where it cannot be made (a picture is gone, the desk
+// closes) there is none: the flight goes on, and whatever stops it is found there.
+std::string LiveFlight::diagnose(const std::stop_token& stop) const try {
+  if (!package_) return {};
+  const SessionRecord& session = store_->description().session;
+  CameraFile camera = session.camera;
+  camera.camera = camera.camera.scaled(1.0 / session.picture_shrink);
+  std::vector<Telemetry> telemetry;
+  for (std::size_t i = 0; i < std::min(store_->accepted(), kDiagnosedFrames); ++i) {
+    telemetry.push_back(store_->picture(i).telemetry);
+  }
+  const TerrainSurface* surface = package_->surface ? &*package_->surface : nullptr;
+  std::optional<double> ground_msl_m;
+  if (surface != nullptr) ground_msl_m = surface->msl_m(session.start.value_or(package_->frame.origin()));
+  const StatedFlight stated{.camera = camera,
+                            .frame = package_->frame,
+                            .tiles = *tiles_,
+                            .start = session.start,
+                            .area = session.localizer.area,
+                            .surface = surface,
+                            .places = package_->places ? &*package_->places : nullptr,
+                            .ground_msl_m = ground_msl_m,
+                            .telemetry = telemetry,
+                            .read =
+                                [&](std::size_t i) {
+                                  return decode_camera_frame(store_->read_picture(i), camera.camera,
+                                                             session.picture_shrink);
+                                },
+                            .matcher = session.localizer.matcher};
+  const DiagnosisBudget budget{.seconds = kDiagnosis_s, .cancel = Cancel([&stop] { return stop.stop_requested(); })};
+  const auto found = diagnose_no_fix(stated, budget);
+  return found ? found->text : std::string();
+} catch (const Error&) {
+  return {};
+} catch (const Interrupted&) {
+  return {};
+}
+
 std::unique_ptr<FlightEngine> LiveFlight::make_engine() {
+  no_fix_watch_ = {};
   const FlightDescription& flight = store_->description();
   const SessionRecord& session = flight.session;
   FlightEngineSetup setup{.camera = session.camera,
@@ -204,8 +305,9 @@ void LiveFlight::work(const std::stop_token& stop, std::unique_ptr<FlightEngine>
   set(FlightActivity::processing);
   if (!engine) engine = make_engine();
   const std::size_t processed = engine->process(Cancel([&stop] { return stop.stop_requested(); }),
-                                                [&](std::size_t /*frame*/, FrameReport& /*report*/, bool /*restored*/) {
+                                                [&](std::size_t /*frame*/, FrameReport& report, bool /*restored*/) {
                                                   ++changes_;
+                                                  watch(report.anchor.verdict, stop);
                                                   slot.let_others();
                                                 });
   bool complete = false;

@@ -29,6 +29,7 @@
 
 #include "flights/flight_engine.hpp"
 #include "flights/flight_store.hpp"
+#include "flights/no_fix_diagnosis.hpp"
 
 namespace nadir {
 
@@ -67,12 +68,13 @@ struct FlightStatus {
   std::size_t accepted = 0, processed = 0;
   bool completion_requested = false;
   bool completed = false;  // refined estimates of all accepted pictures are stored
+  std::string diagnosis;   // why the first pictures match nowhere, in words; empty: they do, or nobody knows
 };
 
 class LiveFlight {
  public:
   // packages, slots: must outlive this. The engine is made when there is work.
-  LiveFlight(std::string id, std::unique_ptr<FlightStore> store, std::filesystem::path folder,
+  LiveFlight(std::string id, std::unique_ptr<FlightStore> store, const std::filesystem::path& folder,
              PackageRegistry& packages, EngineSlots& slots, MillisClock clock);
   ~LiveFlight();  // ends the frame that is being processed: it will be processed again
   LiveFlight(const LiveFlight&) = delete;
@@ -85,7 +87,13 @@ class LiveFlight {
 
   // As FlightStore's, from any thread.
   std::vector<PictureAnswer> accept(std::span<const PictureOffer> batch);
-  UserFix add_fix(const LonLat& place, double radius_m, std::string_view by);
+  UserFix add_fix(const UserFix& said);
+  std::optional<UserFix> withdraw_fix(std::int64_t id);
+  MarkedObject add_object(std::string_view name, const MarkedSighting& first, std::string_view by);
+  std::optional<MarkedObject> add_sighting(std::int64_t object, const MarkedSighting& sighting);
+  std::optional<MarkedObject> rename_object(std::int64_t id, std::string_view name);
+  bool remove_object(std::int64_t id);
+  bool remove_sighting(std::int64_t object, std::int64_t sighting);
   // Throws UsageError for a flight without pictures.
   void request_completion();
 
@@ -96,18 +104,22 @@ class LiveFlight {
   void run(const std::stop_token& stop);
   void work(const std::stop_token& stop, std::unique_ptr<FlightEngine>& engine);
   std::unique_ptr<FlightEngine> make_engine();
+  void watch(AnchorVerdict verdict, const std::stop_token& stop);  // of a frame that was processed
+  std::string diagnose(const std::stop_token& stop) const;
+  void keep_diagnosis(std::string text);
   void wake();
   bool has_work() const;  // `mutex_` held
   void set(FlightActivity activity);
 
   const std::string id_;
   const std::unique_ptr<FlightStore> store_;
-  const std::filesystem::path completion_file_;
+  const std::filesystem::path completion_file_, diagnosis_file_;
   PackageRegistry& packages_;
   EngineSlots& slots_;
   const MillisClock clock_;
   std::unique_ptr<const CheckedTiles> tiles_;  // of the engine's own
   std::shared_ptr<const DeskPackage> package_;
+  NoFixWatch no_fix_watch_;  // of the engine's frames
 
   mutable std::mutex mutex_;
   std::condition_variable_any news_;
@@ -115,6 +127,7 @@ class LiveFlight {
   std::string blocked_by_;
   bool completion_requested_ = false;
   bool completed_ = false;
+  std::string diagnosis_;
   std::uint64_t arrivals_ = 0;  // of pictures, fixes and wishes
   std::atomic<std::uint64_t> changes_ = 1;
   std::jthread thread_;  // last: it uses all of the above

@@ -35,9 +35,9 @@
 // before has 1 - 1/n of its weight left, and of what none has hit yet hit / n is at the candidate from now on, both to
 // the power of 1 - s.
 //
-// A displaced map cannot be told from a wrong track by looking at that map. A place that contradicts a track which
-// nothing else contradicts (a start that was given; odometry that leads on from an anchor without a break) counts half:
-// the other half is the track, over a displaced map.
+// A displaced map cannot be distinguished from a wrong track by looking at that map. A place that contradicts a track
+// which nothing else contradicts (a start that was given; odometry that leads on from an anchor without a break) counts
+// half: the other half is the track, over a displaced map.
 //
 // Decision. The track moves to z when all but kMaxPlaceDoubt of the weight is there: hits, and what lies within
 // kHarmless_m of z, where the next look searches as well; and when z is then no chance peak beside the truth but for

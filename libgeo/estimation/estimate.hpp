@@ -16,7 +16,7 @@
 
 namespace nadir {
 
-// Why an anchor was accepted or not: the first gate that rejected it (map_look.hpp). The names are stable.
+// Why an anchor was accepted or not (map_look.hpp). The names are stable.
 enum class AnchorVerdict {
   not_tried,  // not triggered for this frame
   accepted,

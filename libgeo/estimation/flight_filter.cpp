@@ -533,4 +533,13 @@ std::vector<FlightFilter::Smoothed> FlightFilter::smoothed() const {
   return result;
 }
 
+CameraPose camera_pose(const FlightFilter::State& x, const TelemetryReference& reference) {
+  CameraPose pose;
+  pose.position = {x[FlightFilter::east], x[FlightFilter::north]};
+  pose.agl_m = reference.agl_m * std::exp(x[FlightFilter::log_height]);
+  pose.attitude = {x[FlightFilter::heading], reference.tilt_rad.x() + x[FlightFilter::pitch],
+                   reference.tilt_rad.y() + x[FlightFilter::roll]};
+  return pose;
+}
+
 }  // namespace nadir

@@ -196,4 +196,7 @@ class FlightFilter {
   std::optional<std::vector<Link>> links_;
 };
 
+// Of a filter's state, in the map's plane.
+CameraPose camera_pose(const FlightFilter::State& state, const TelemetryReference& reference);
+
 }  // namespace nadir

@@ -3,11 +3,11 @@
 // FlightStep holds all inputs of the flight filter for one frame; apply_step() applies them again in the same order. So
 // a late anchor can be inserted at its own frame, and the whole flight can be smoothed afterwards.
 //
-// Online, an anchor that passed the gates is accepted. Afterwards all anchors are tested against each other: with z, R
-// an anchor's position and covariance, and x, P those of the smoothed track that it is part of, z - x has the
-// covariance R - P. The anchor with the largest χ² above the limit is rejected, wholly, and the flight is smoothed
-// again without it, until none is left (as with switchable constraints, Sünderhauf and Protzel 2012; a robust loss
-// would still be pulled).
+// Online, the belief accepts an anchor with what was known by then. Afterwards all anchors are tested against each
+// other: with z, R an anchor's position and covariance, and x, P those of the smoothed track that it is part of, z - x
+// has the covariance R - P. The anchor with the largest χ² above the limit is rejected, wholly, and the flight is
+// smoothed again without it, until none is left (as with switchable constraints, Sünderhauf and Protzel 2012; a robust
+// loss would still be pulled).
 #pragma once
 
 #include <optional>

@@ -6,8 +6,8 @@
 #include <utility>
 
 #include "base/error.hpp"
-#include "estimation/flight_smoother.hpp"
 #include "estimation/look_likelihood.hpp"
+#include "estimation/refined_flight.hpp"
 #include "estimation/search_window.hpp"
 #include "estimation/terrain_surface.hpp"
 #include "estimation/tracking_state.hpp"
@@ -83,15 +83,6 @@ cv::Mat grey_of(const cv::Mat& image) {
   return grey;
 }
 
-CameraPose pose_of(const FlightFilter::State& x, const TelemetryReference& reference) {
-  CameraPose pose;
-  pose.position = {x[FlightFilter::east], x[FlightFilter::north]};
-  pose.agl_m = reference.agl_m * std::exp(x[FlightFilter::log_height]);
-  pose.attitude = {x[FlightFilter::heading], reference.tilt_rad.x() + x[FlightFilter::pitch],
-                   reference.tilt_rad.y() + x[FlightFilter::roll]};
-  return pose;
-}
-
 LinearizationPoint linearization_point(const FlightFilter::State& x) {
   return {x[FlightFilter::log_height], x[FlightFilter::heading], x[FlightFilter::pitch], x[FlightFilter::roll]};
 }
@@ -108,23 +99,6 @@ StateEstimate state_estimate(const FlightFilter& filter, const TelemetryReferenc
   state.agl_m = reference.agl_m * std::exp(x[FlightFilter::log_height]);
   state.agl_sigma_m = state.agl_m * filter.sigma(FlightFilter::log_height);
   return state;
-}
-
-// Another kept anchor that odometry leads to without a break.
-bool corroborated_by_another(const std::vector<FlightStep>& steps, const std::vector<bool>& kept, std::size_t at) {
-  double passed_s = 0;
-  for (std::size_t i = at; i > 0 && steps[i].relative_motion; --i) {
-    passed_s += steps[i].seconds;
-    if (passed_s > kCorroborationTime_s) break;
-    if (kept[i - 1]) return true;
-  }
-  passed_s = 0;
-  for (std::size_t i = at + 1; i < steps.size() && steps[i].relative_motion; ++i) {
-    passed_s += steps[i].seconds;
-    if (passed_s > kCorroborationTime_s) break;
-    if (kept[i]) return true;
-  }
-  return false;
 }
 
 }  // namespace
@@ -186,7 +160,7 @@ struct Localizer::Impl {
   double footprint_m() const { return footprint_side_m(camera, telemetry.reference.agl_m); }
   bool lost() const { return window.lost(placed, filter->position_sigma_m()); }
   Eigen::Matrix2d shared_error_m2(double map_sigma_m) const;
-  std::vector<double> map_sigmas_m() const;  // of each frame
+  FlownFlight flown() const;
 
   // Fixed for the flight. A job that is out uses these and what it was given, nothing else.
   CameraModel camera;
@@ -214,7 +188,6 @@ struct Localizer::Impl {
   PlaceBelief belief;
   SearchWindow window;
   std::optional<OperatorHint> operator_hint;
-  bool hint_weighed = false;  // in the belief
   MatchState matching;
   PublishedTrack published;
 };
@@ -354,7 +327,7 @@ PlaneBox Localizer::Impl::around_start() const {
 
 OdometryFrame Localizer::Impl::odometry_frame(const cv::Mat& grey) const {
   using namespace parameters::tracking;
-  const CameraPose pose = pose_of(filter->state(), telemetry.reference);
+  const CameraPose pose = camera_pose(filter->state(), telemetry.reference);
   const double footprint = footprint_side_m(camera, pose.agl_m);
   OdometryFrame seen;
   seen.grey = grey;
@@ -520,7 +493,7 @@ std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
 AnchorPrior Localizer::Impl::anchor_prior() const {
   AnchorPrior prior;
   const double height_sigma = std::max(kMinHeightSigma, filter->sigma(FlightFilter::log_height));
-  prior.search.pose = pose_of(filter->state(), telemetry.reference);
+  prior.search.pose = camera_pose(filter->state(), telemetry.reference);
   prior.search.radius_m = window.radius_m(filter->position_sigma_m());
   prior.heading_sigma_rad = filter->sigma(FlightFilter::heading);
   prior.search.heading_range_rad = std::min(kPi, kHeadingSigmas * prior.heading_sigma_rad);
@@ -567,11 +540,10 @@ void Localizer::hint(const LonLat& at, double radius_m) {
                                std::to_string(radius_m) + " m"});
   }
   impl_->operator_hint.emplace(impl_->frame.plane_from_lonlat(at), radius_m);
-  impl_->hint_weighed = false;
 }
 
 void Localizer::Impl::weigh_hint(const TrackPrediction& track) {
-  if (!operator_hint || std::exchange(hint_weighed, true)) return;
+  if (!operator_hint || !operator_hint->begin_weighing()) return;
   belief.on_hint({operator_hint->at(), operator_hint->radius_m() / kHintSigmas}, track);
 }
 
@@ -694,22 +666,6 @@ Eigen::Matrix2d Localizer::Impl::shared_error_m2(double map_sigma_m) const {
   return Eigen::Matrix2d::Identity() * (map_sigma_m * map_sigma_m + unmodelled_variance_m2(telemetry.reference.agl_m));
 }
 
-// After the flight a frame is between two anchors: the worse of their maps counts.
-std::vector<double> Localizer::Impl::map_sigmas_m() const {
-  std::vector<double> sigmas_m(steps.size(), 0);
-  double last_m = 0;
-  for (std::size_t i = 0; i < steps.size(); ++i) {
-    if (steps[i].anchor) last_m = steps[i].map_sigma_m;
-    sigmas_m[i] = last_m;
-  }
-  last_m = 0;
-  for (std::size_t i = steps.size(); i-- > 0;) {
-    if (steps[i].anchor) last_m = steps[i].map_sigma_m;
-    sigmas_m[i] = std::max(sigmas_m[i], last_m);
-  }
-  return sigmas_m;
-}
-
 Estimate Localizer::Impl::estimate(bool anchored) const {
   Estimate estimate;
   estimate.frame = telemetry.last.frame;
@@ -742,7 +698,7 @@ Estimate Localizer::Impl::estimate(bool anchored) const {
 
 FramePose Localizer::Impl::anchor_pose(const AnchorJob& job) const {
   FramePose result;
-  result.pose = pose_of(filter->state(), job.reference);
+  result.pose = camera_pose(filter->state(), job.reference);
   result.covariance_m2 = filter->position_covariance_m2() + shared_error_m2(published.map_sigma_m);
   result.sigma_m = std::sqrt(0.5 * result.covariance_m2.trace());
   result.source = SourceLabel::satellite_anchored;
@@ -756,46 +712,24 @@ FramePose Localizer::Impl::anchor_pose(const AnchorJob& job) const {
 
 // ---- After the flight
 
+FlownFlight Localizer::Impl::flown() const {
+  return {.initial = *initial,
+          .steps = steps,
+          .frame = frame,
+          .no_fix_sigma_m = config.no_fix_sigma_m,
+          .anchored = last_anchor.has_value(),
+          .shared_error_m2 = [this](double map_sigma_m) { return shared_error_m2(map_sigma_m); }};
+}
+
 std::vector<Estimate> Localizer::refined() const {
   const Impl& s = *impl_;
-  std::vector<Estimate> estimates = s.published.estimates;
-  if (!s.placed || !s.filter) return estimates;
-  const auto smoothed = smooth_flight(*s.initial, s.steps).frames;
-  const std::vector<double> map_sigmas_m = s.map_sigmas_m();
-  for (std::size_t i = 0; i < estimates.size(); ++i) {
-    Estimate& estimate = estimates[i];
-    estimate.covariance_m2 = smoothed[i].covariance_m2;
-    estimate.hpl_m.reset();  // that of the belief in flight is not about this position
-    if (s.last_anchor) estimate.covariance_m2 += s.shared_error_m2(map_sigmas_m[i]);
-    estimate.sigma_m = std::sqrt(0.5 * estimate.covariance_m2.trace());
-    const bool known = estimate.sigma_m <= s.config.no_fix_sigma_m;
-    if (!known) estimate.source = SourceLabel::no_fix;
-    if (known && estimate.source == SourceLabel::no_fix) estimate.source = SourceLabel::dead_reckoned;
-    estimate.position.reset();
-    if (known) estimate.position = s.frame.lonlat_from_plane(smoothed[i].position);
-  }
-  return estimates;
+  return s.placed && s.filter ? refined_estimates(s.published.estimates, s.flown()) : s.published.estimates;
 }
 
 std::vector<std::optional<FramePose>> Localizer::refined_poses() const {
   const Impl& s = *impl_;
-  std::vector<std::optional<FramePose>> poses(s.steps.size());
-  if (!s.placed || !s.filter) return poses;
-  const SmoothedFlight smoothed = smooth_flight(*s.initial, s.steps);
-  std::vector<bool> kept(s.steps.size());
-  for (std::size_t i = 0; i < s.steps.size(); ++i) kept[i] = s.steps[i].anchor.has_value();
-  for (const std::size_t i : smoothed.rejected_anchors) kept[i] = false;
-  for (std::size_t i = 0; i < poses.size(); ++i) {
-    if (!kept[i]) continue;
-    FramePose& result = poses[i].emplace();
-    result.pose = pose_of(smoothed.frames[i].state, s.steps[i].reference);
-    result.covariance_m2 = smoothed.frames[i].covariance_m2 + s.shared_error_m2(s.steps[i].map_sigma_m);
-    result.sigma_m = std::sqrt(0.5 * result.covariance_m2.trace());
-    result.source = SourceLabel::satellite_anchored;
-    result.confirmed = s.steps[i].anchor_unambiguous || corroborated_by_another(s.steps, kept, i);
-    result.refined = true;
-  }
-  return poses;
+  if (!s.placed || !s.filter) return std::vector<std::optional<FramePose>>(s.steps.size());
+  return nadir::refined_poses(s.flown());
 }
 
 }  // namespace nadir

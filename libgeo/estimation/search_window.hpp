@@ -6,6 +6,7 @@
 #pragma once
 
 #include <optional>
+#include <utility>
 
 #include "estimation/estimate.hpp"
 #include "geodesy/region.hpp"
@@ -47,6 +48,8 @@ class OperatorHint {
   // From the first frame after the hint on the filter's position propagates the hint.
   void start_propagation(PlanePoint position, double sigma_m);
   bool propagating() const { return from_.has_value(); }
+  // Whether the belief has still to weigh it; it does so once.
+  bool begin_weighing() { return !std::exchange(weighed_, true); }
 
   PlanePoint at() const { return at_; }
   double radius_m() const { return radius_m_; }
@@ -59,6 +62,7 @@ class OperatorHint {
   double radius_m_;
   std::optional<PlanePoint> from_;
   double from_sigma_m_ = 0;
+  bool weighed_ = false;
 };
 
 }  // namespace nadir

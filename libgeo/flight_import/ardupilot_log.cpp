@@ -169,7 +169,7 @@ class DataflashInterpreter {
     } else if (name == "CAM") {
       if (record.number("I").value_or(0) == 0) builder_.trigger(*time_s);
     } else if (record.number("I").value_or(0) == 0) {
-      triggered_.push_back({*time_s});
+      builder_.commanded_trigger(*time_s);
     }
   }
 
@@ -181,11 +181,6 @@ class DataflashInterpreter {
         barometric.height(&FlightLog::home_heights, sample.time_s, sample.height_m);
       }
       log.home_heights = barometric.finish().home_heights;
-    }
-    if (log.triggers.empty()) {
-      LogBuilder triggers("");
-      for (const CameraTrigger& trigger : triggered_) triggers.trigger(trigger.time_s);
-      log.triggers = triggers.finish().triggers;
     }
     return log;
   }
@@ -214,7 +209,6 @@ class DataflashInterpreter {
 
   LogBuilder builder_;
   std::vector<TimedHeight> baro_;
-  std::vector<CameraTrigger> triggered_;
 };
 
 }  // namespace

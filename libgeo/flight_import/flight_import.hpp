@@ -34,7 +34,7 @@ enum class FrameTransfer { link, copy };
 struct ImportRequest {
   std::vector<std::filesystem::path> photos;       // folders or files
   std::optional<std::filesystem::path> video;      // instead of photos
-  std::optional<std::filesystem::path> log;        // .BIN, .ulg, .tlog: told apart by their first bytes
+  std::optional<std::filesystem::path> log;        // .BIN, .ulg, .tlog: recognised by their first bytes
   std::optional<std::filesystem::path> recording;  // of the flight recorder; photos: where it does not hold them
   std::optional<std::string> session;              // of the recording
   std::optional<std::filesystem::path> camera;     // a camera.yaml that is known already

@@ -158,6 +158,10 @@ void LogBuilder::trigger(double time_s) {
   if (in_order(log_.triggers, time_s)) log_.triggers.push_back({time_s});
 }
 
+void LogBuilder::commanded_trigger(double time_s) {
+  if (in_order(commanded_, time_s)) commanded_.push_back({time_s});
+}
+
 void LogBuilder::utc(double time_s, double unix_s) {
   constexpr double kYear2000_s = 946'684'800, kYear2100_s = 4'102'444'800;
   if (unix_s > kYear2000_s && unix_s < kYear2100_s) unix_from_log_s_.push_back(unix_s - time_s);
@@ -170,6 +174,7 @@ FlightLog LogBuilder::finish() {
     log_.unix_from_log_s = *middle;
     if (log_.utc_from.empty()) log_.utc_from = "GPS";
   }
+  if (log_.triggers.empty()) log_.triggers = std::move(commanded_);
   return std::move(log_);
 }
 

@@ -93,7 +93,8 @@ class LogBuilder {
   void attitude(double time_s, double heading_rad, double pitch_rad, double roll_rad);
   void height(std::vector<TimedHeight> FlightLog::*which, double time_s, double height_m);
   void position(double time_s, LonLat place, double msl_m);
-  void trigger(double time_s);
+  void trigger(double time_s);             // reported by the camera, or by its hot shoe
+  void commanded_trigger(double time_s);   // counts in a log that has none of the exact ones
   void utc(double time_s, double unix_s);  // both of one moment
 
   FlightLog& log() { return log_; }
@@ -101,6 +102,7 @@ class LogBuilder {
 
  private:
   FlightLog log_;
+  std::vector<CameraTrigger> commanded_;
   std::optional<double> last_s_;
   double rejected_s_ = 0;  // the last time that was not taken
   int rejected_ = 0;       // in a row, and in agreement with each other

@@ -89,13 +89,9 @@ class TlogInterpreter {
       log.unix_from_log_s = arrival_from_boot_s;
       log.utc_from = "ground station";
     }
-    // A report that a picture was taken is worth more than one that the camera was triggered.
-    const bool taken = std::any_of(pictures_.begin(), pictures_.end(), [](const ArrivedPicture& one) {
-      return one.report.kind != PictureReport::Kind::triggered;
-    });
-    std::vector<double> times_s;
+    std::vector<double> taken_s, triggered_s;
     for (const ArrivedPicture& one : pictures_) {
-      if (taken == (one.report.kind == PictureReport::Kind::triggered)) continue;
+      auto& times_s = one.report.kind == PictureReport::Kind::triggered ? triggered_s : taken_s;
       if (one.report.boot_s) {
         times_s.push_back(*one.report.boot_s);
       } else if (one.report.unix_s && log.unix_from_log_s && log.utc_from == "GPS") {
@@ -104,8 +100,10 @@ class TlogInterpreter {
         times_s.push_back(one.arrival_s - arrival_from_boot_s);
       }
     }
-    std::sort(times_s.begin(), times_s.end());
-    for (const double time_s : times_s) others.trigger(time_s);
+    std::sort(taken_s.begin(), taken_s.end());
+    std::sort(triggered_s.begin(), triggered_s.end());
+    for (const double time_s : taken_s) others.trigger(time_s);
+    for (const double time_s : triggered_s) others.commanded_trigger(time_s);
     FlightLog rest = others.finish();
     log.terrain_heights = std::move(rest.terrain_heights);
     log.positions = std::move(rest.positions);

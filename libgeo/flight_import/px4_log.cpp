@@ -205,19 +205,11 @@ class UlogInterpreter {
     } else if (topic.name == "camera_capture") {
       if (data.number("result").value_or(1) == 1) builder_.trigger(time_s);
     } else if (topic.name == "camera_trigger" && !data.is_set("feedback")) {
-      triggered_.push_back({time_s});
+      builder_.commanded_trigger(time_s);
     }
   }
 
-  FlightLog finish() {
-    FlightLog log = builder_.finish();
-    if (log.triggers.empty()) {
-      LogBuilder triggers("");
-      for (const CameraTrigger& trigger : triggered_) triggers.trigger(trigger.time_s);
-      log.triggers = triggers.finish().triggers;
-    }
-    return log;
-  }
+  FlightLog finish() { return builder_.finish(); }
 
  private:
   void take_attitude(double time_s, const UlogData& data) {
@@ -254,7 +246,6 @@ class UlogInterpreter {
   }
 
   LogBuilder builder_;
-  std::vector<CameraTrigger> triggered_;
   bool gps_from_fused_ = false;
 };
 

@@ -51,7 +51,15 @@ constexpr std::array kTables{
     "state TEXT NOT NULL CHECK (state IN ('floating', 'anchored', 'merged')), anchored_frame INTEGER) STRICT",
 
     "CREATE TABLE fix (id INTEGER PRIMARY KEY AUTOINCREMENT, before_frame INTEGER NOT NULL, lat_deg REAL NOT NULL, "
-    "lon_deg REAL NOT NULL, radius_m REAL NOT NULL, author TEXT NOT NULL, time_ms INTEGER NOT NULL) STRICT",
+    "lon_deg REAL NOT NULL, radius_m REAL NOT NULL, author TEXT NOT NULL, time_ms INTEGER NOT NULL, frame INTEGER, "
+    "pixel_x REAL, pixel_y REAL, sigma_m REAL NOT NULL, hint_lat_deg REAL NOT NULL, hint_lon_deg REAL NOT NULL, "
+    "hint_radius_m REAL NOT NULL, withdrawn_ms INTEGER, withdrawn_from INTEGER) STRICT",
+
+    "CREATE TABLE object (id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, author TEXT NOT NULL, "
+    "time_ms INTEGER NOT NULL) STRICT",
+    "CREATE TABLE sighting (id INTEGER PRIMARY KEY AUTOINCREMENT, object INTEGER NOT NULL REFERENCES object (id), "
+    "frame INTEGER NOT NULL, pixel_x REAL NOT NULL, pixel_y REAL NOT NULL) STRICT",
+    "CREATE INDEX sighting_by_object ON sighting (object)",
 
     "CREATE TABLE event (id INTEGER PRIMARY KEY AUTOINCREMENT, time_ms INTEGER NOT NULL, kind TEXT NOT NULL, "
     "frame INTEGER, body TEXT NOT NULL) STRICT"};
@@ -99,12 +107,16 @@ void check_tables(const SqliteDatabase& database) {
 
 void check_version(const SqliteDatabase& database) {
   const std::int64_t version = pragma(database, "user_version");
-  if (pragma(database, "application_id") == kApplication && version == kFlightStoreVersion) return;
+  const bool ours = pragma(database, "application_id") == kApplication;
+  if (ours && version == kFlightStoreVersion) return;
   throw UsageError({.what = "this is not a flight of this version",
                     .where = database.path().string(),
                     .expected = fmt::format("a flight of version {}", kFlightStoreVersion),
-                    .found = version > kFlightStoreVersion ? fmt::format("version {}", version) : "another database",
-                    .fix = "use the nadir that created it"});
+                    .found = ours ? fmt::format("version {}", version) : "another database",
+                    .fix = ours && version < kFlightStoreVersion
+                               ? "export it with the nadir that created it, or process its pictures again in a new "
+                                 "flight"
+                               : "use the nadir that created it"});
 }
 
 bool is_there(const fs::path& folder) {
@@ -162,18 +174,10 @@ void FlightDatabase::create_tables() const {
 }
 
 void FlightDatabase::transaction(std::string_view name, const std::function<void()>& work) const {
-  database_->execute("BEGIN IMMEDIATE");
-  try {
+  database_->transaction([&] {
     work();
     if (hook_) hook_(name, false);
-    database_->execute("COMMIT");
-  } catch (...) {
-    try {
-      database_->execute("ROLLBACK");
-    } catch (const Error&) {  // SQLite has done it already; what went wrong first is what matters
-    }
-    throw;
-  }
+  });
   if (hook_) hook_(name, true);
 }
 

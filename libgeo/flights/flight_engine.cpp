@@ -91,7 +91,7 @@ void FlightEngine::Impl::restore_frame(Running& now, const FrameListener& listen
                  .fix = "get the flight from a backup, or process its pictures again"});
   }
   now.vision.restore(frame, std::move(*answers));
-  for (const UserFix& fix : store.fixes_before(frame)) now.localizer->hint(fix.place, fix.radius_m);
+  for (const UserFix& fix : store.fixes_before(frame)) now.localizer->hint(fix.hint.place, fix.hint.radius_m);
   FrameReport report = now.localizer->process({}, telemetry);
   now.vision.end_frame();
   report.estimate.latency_ms = stored.online.estimate.latency_ms;
@@ -130,7 +130,7 @@ void FlightEngine::Impl::process_frame(Running& now, const BegunFrame& begun, co
   const Bytes picture = store.read_picture(begun.frame);
   const cv::Mat image = decode(picture);
   now.vision.begin_frame(begun.frame);
-  for (const UserFix& fix : begun.fixes) now.localizer->hint(fix.place, fix.radius_m);
+  for (const UserFix& fix : begun.fixes) now.localizer->hint(fix.hint.place, fix.hint.radius_m);
   Localizer::TrackedFrame tracked = now.localizer->track(image, begun.telemetry);
   FrameReport report = std::move(tracked.report);
   if (tracked.job) {

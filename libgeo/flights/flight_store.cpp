@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -45,54 +44,23 @@ std::string text_of(const PictureRefusal& refusal) {
   return fmt::format("{}: {}", name_of(refusal.problem), refusal.reason);
 }
 
-void check_place(const LonLat& place, double radius_m) {
-  const bool valid = std::abs(place.lon_deg) <= 180 && std::abs(place.lat_deg) <= 90;  // false for NaN too
-  if (valid && radius_m > 0 && std::isfinite(radius_m)) return;
-  throw UsageError({.what = "the fix is not a valid place",
-                    .expected = "longitude, latitude and a radius above 0 m",
-                    .found = fmt::format("{},{} within {} m", place.lon_deg, place.lat_deg, radius_m)});
+// Of the event pictures_accepted.
+std::string accepted_text(const std::map<std::size_t, NewPicture>& added, std::span<const PictureAnswer> answers) {
+  nlohmann::json refused = nlohmann::json::array();
+  for (const PictureAnswer& answer : answers) {
+    if (!answer.refusal) continue;
+    refused.push_back({{"name", printable(answer.name)}, {"problem", name_of(answer.refusal->problem)}});
+  }
+  nlohmann::json body{{"accepted", added.size()}, {"refused", refused}};
+  if (!added.empty()) body["first_frame"] = added.begin()->first;
+  return json_text(body);
 }
 
 bool plain_file_name(const fs::path& file) {
   return !file.empty() && file.filename() == file && file != "." && file != "..";
 }
 
-// The files of a batch: complete and synced, but without names until name_all(); those with a name lose it again unless
-// the batch becomes part of the flight.
-class PendingPictures {
- public:
-  ~PendingPictures() {
-    std::error_code ignored;
-    for (const fs::path& path : named_) fs::remove(path, ignored);
-  }
-
-  void add(const fs::path& path, ByteView bytes) {
-    files_.emplace_back(path, std::make_unique<PendingFile>(path, bytes));
-  }
-  void name_all() {
-    for (auto& [path, file] : files_) {
-      file->replace();  // what a killed process left under this name belongs to no batch
-      named_.push_back(path);
-    }
-    files_.clear();  // closes them
-  }
-  void keep() { named_.clear(); }
-
- private:
-  std::vector<std::pair<fs::path, std::unique_ptr<PendingFile>>> files_;
-  std::vector<fs::path> named_;
-};
-
 }  // namespace
-
-std::string_view name_of(PictureAnswer::Outcome outcome) {
-  switch (outcome) {
-    case PictureAnswer::Outcome::accepted: return "accepted";
-    case PictureAnswer::Outcome::known: return "known";
-    case PictureAnswer::Outcome::refused: return "refused";
-  }
-  return {};
-}
 
 std::string_view name_of(PictureState state) {
   switch (state) {
@@ -121,7 +89,8 @@ struct FlightStore::Impl {
       : folder(std::move(flight_folder)),
         options(std::move(store_options)),
         file(std::move(flight_database)),
-        database(&file->sql()) {}
+        database(&file->sql()),
+        annotations(*database) {}
 
   // The following expect `mutex` to be held.
   template <typename Work>
@@ -131,6 +100,8 @@ struct FlightStore::Impl {
   void insert_flight(const FlightDescription& flight, UtcMillis now);
   void load();
   void remove_unknown_pictures() const;
+  void insert_pictures(const std::map<std::size_t, NewPicture>& added);
+  void insert_refusals(std::span<const PictureAnswer> answers);
   void insert_event(const StoredFlightEvent& event, UtcMillis now);
   void insert_segment(const FlightSegment& segment);
   void insert_estimate(EstimateKind kind, const EstimateRecord& record, const AnchorReport* anchor);
@@ -138,7 +109,11 @@ struct FlightStore::Impl {
   PictureRow picture_row(const SqliteStatement& row) const;
   PictureRow picture(std::size_t frame) const;
   std::string file_of(std::size_t frame) const;
-  std::vector<UserFix> read_fixes(SqliteStatement& rows) const;
+  void insert_object_event(std::int64_t object, UtcMillis now);
+  // What is said now is for the frame after the one that is being processed.
+  std::size_t next_frame() const { return begun ? *begun + 1 : processed; }
+
+  StoredPictures stored_pictures() const;  // expects only `intake` to be held
 
   fs::path folder;  // empty: in memory
   FlightStoreOptions options;
@@ -146,6 +121,7 @@ struct FlightStore::Impl {
   mutable std::mutex mutex;  // of all that follows
   std::unique_ptr<FlightDatabase> file;
   const SqliteDatabase* database;
+  FlightAnnotations annotations;
   FlightDescription description;
   std::optional<fs::path> outside;  // where the pictures lie that are not kept here
   std::size_t accepted = 0, processed = 0;
@@ -281,144 +257,67 @@ std::vector<PictureAnswer> FlightStore::accept(std::span<const PictureOffer> bat
                       .where = s.outside ? s.outside->string() : std::string(),
                       .fix = "create another flight for further pictures"});
   }
-  struct NewPicture {
-    PictureFacts facts;
-    std::string file;
-    Telemetry telemetry;
-  };
-  std::map<std::size_t, NewPicture> added;  // by frame
-  std::map<std::string, std::size_t, std::less<>> frame_of_name;
-  std::map<Sha256, std::size_t> frame_of_content;
-  std::optional<double> last_time_s;
-  std::size_t next = 0, refusals = 0;
-  std::uint64_t flight_bytes = 0;
-  {
-    const std::scoped_lock guard(s.mutex);
-    next = s.accepted;
-    if (next > 0) last_time_s = s.picture(next - 1).telemetry.time_s;
-    flight_bytes = static_cast<std::uint64_t>(s.scalar("SELECT ifnull(sum(bytes), 0) FROM picture"));
-    refusals = static_cast<std::size_t>(s.scalar("SELECT count(*) FROM picture WHERE state = 'refused'"));
-  }
-  // Frame and digest of an accepted picture, of this batch or before.
-  const auto find_name = [&](std::string_view name) -> std::optional<std::pair<std::size_t, Sha256>> {
-    if (const auto found = frame_of_name.find(name); found != frame_of_name.end()) {
-      return std::pair(found->second, added.at(found->second).facts.sha256);
-    }
-    const std::scoped_lock guard(s.mutex);
-    auto row = s.database->prepare("SELECT frame FROM picture WHERE name = ? AND frame IS NOT NULL");
-    if (!row.bind(1, name).step()) return std::nullopt;
-    const auto frame = static_cast<std::size_t>(row.integer(0));
-    return std::pair(frame, s.picture(frame).sha256.value_or(Sha256{}));
-  };
-  const auto find_content = [&](const Sha256& sha256) -> std::optional<std::size_t> {
-    if (const auto found = frame_of_content.find(sha256); found != frame_of_content.end()) return found->second;
-    const std::scoped_lock guard(s.mutex);
-    auto row = s.database->prepare("SELECT frame FROM picture WHERE sha256 = ? AND frame IS NOT NULL");
-    if (!row.bind(1, ByteView(sha256.bytes)).step()) return std::nullopt;
-    return static_cast<std::size_t>(row.integer(0));
-  };
-
-  PendingPictures files;
+  PictureIntake intake(s.stored_pictures(), s.description.session.camera.camera, limits, s.folder / kPicturesFolder);
   std::vector<PictureAnswer> answers;
-  for (const PictureOffer& offer : batch) {
-    PictureAnswer& answer = answers.emplace_back();
-    answer.name = offer.name;
-    const auto refuse = [&answer](PictureProblem problem, std::string reason) {
-      answer.outcome = PictureAnswer::Outcome::refused;
-      answer.refusal = PictureRefusal{problem, std::move(reason)};
-    };
-    ByteView bytes = offer.bytes;
-    Bytes read;
-    if (offer.folder != nullptr && plain_picture_name(offer.name)) {
-      try {
-        const InputFile file = offer.folder->open(offer.name);
-        if (file.size() > limits.picture_bytes) {
-          refuse(PictureProblem::too_large,
-                 fmt::format("expected at most {} bytes, found {}", limits.picture_bytes, file.size()));
-          continue;
-        }
-        read = file.read(limits.picture_bytes);
-      } catch (const Error& error) {
-        refuse(PictureProblem::not_a_file, fmt::format("expected a readable file, found {}", error.text().found));
-        continue;
-      }
-      bytes = read;
-    }
-    const auto checked =
-        check_picture(offer.name, offer.telemetry.time_s, bytes, s.description.session.camera.camera, limits);
-    if (const auto* refusal = std::get_if<PictureRefusal>(&checked)) {
-      refuse(refusal->problem, refusal->reason);
-      continue;
-    }
-    const PictureFacts& facts = std::get<PictureFacts>(checked);
-    if (const auto same_name = find_name(offer.name)) {
-      if (same_name->second == facts.sha256) {
-        answer.outcome = PictureAnswer::Outcome::known;
-        answer.frame = same_name->first;
-      } else {
-        refuse(PictureProblem::name_taken, fmt::format("frame {} has this name and other bytes", same_name->first));
-      }
-      continue;
-    }
-    if (const auto same_bytes = find_content(facts.sha256)) {
-      refuse(PictureProblem::content_known, fmt::format("frame {} has the same bytes", *same_bytes));
-      continue;
-    }
-    if (last_time_s && offer.telemetry.time_s <= *last_time_s) {
-      refuse(PictureProblem::out_of_order,
-             fmt::format("expected a time after that of the picture before, {:.3f} s, found {:.3f} s", *last_time_s,
-                         offer.telemetry.time_s));
-      continue;
-    }
-    if (next >= limits.flight_pictures ||
-        facts.bytes > limits.flight_bytes - std::min(flight_bytes, limits.flight_bytes)) {
-      refuse(PictureProblem::flight_full, fmt::format("expected at most {} and {} bytes in a flight",
-                                                      count(limits.flight_pictures, "picture"), limits.flight_bytes));
-      continue;
-    }
-    NewPicture picture{facts, fmt::format("{:08}.{}", next, name_of(facts.format)), offer.telemetry};
-    picture.telemetry.frame = offer.name;
-    files.add(s.folder / kPicturesFolder / picture.file, bytes);
-    frame_of_name.emplace(offer.name, next);
-    frame_of_content.emplace(facts.sha256, next);
-    last_time_s = offer.telemetry.time_s;
-    flight_bytes += facts.bytes;
-    answer.frame = next;
-    added.emplace(next++, std::move(picture));
-  }
-
-  files.name_all();
-  nlohmann::json refused = nlohmann::json::array();
-  for (const PictureAnswer& answer : answers) {
-    if (!answer.refusal) continue;
-    refused.push_back({{"name", printable(answer.name)}, {"problem", name_of(answer.refusal->problem)}});
-  }
-  if (added.empty() && refused.empty()) return answers;
+  for (const PictureOffer& offer : batch) answers.push_back(intake.judge(offer));
+  intake.name_files();
+  const bool any_refused =
+      std::any_of(answers.begin(), answers.end(), [](const auto& answer) { return answer.refusal; });
+  if (intake.added().empty() && !any_refused) return answers;
   const std::scoped_lock guard(s.mutex);
   s.transaction("accept", [&] {
-    auto insert = s.database->prepare(
-        "INSERT INTO picture (frame, name, file, sha256, bytes, width, height, time_s, telemetry, state, reason) "
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, 'accepted', '')");
-    for (const auto& [frame, picture] : added) {
-      const PictureFacts& facts = picture.facts;
-      const Bytes telemetry = encode(Record(InputRecord{frame, picture.telemetry, facts.sha256, facts.bytes}));
-      insert.bind(1, signed_of(frame)).bind(2, picture.telemetry.frame).bind(3, picture.file);
-      insert.bind(4, ByteView(facts.sha256.bytes)).bind(5, signed_of(facts.bytes));
-      insert.bind(6, std::int64_t{facts.width}).bind(7, std::int64_t{facts.height});
-      insert.bind_real(8, picture.telemetry.time_s).bind(9, ByteView(telemetry)).run();
-    }
-    auto note = s.database->prepare("INSERT INTO picture (name, file, state, reason) VALUES (?, '', 'refused', ?)");
-    for (const PictureAnswer& answer : answers) {
-      if (!answer.refusal || refusals++ >= limits.stored_refusals) continue;
-      note.bind(1, printable(answer.name.substr(0, 255))).bind(2, text_of(*answer.refusal)).run();
-    }
-    nlohmann::json body{{"accepted", added.size()}, {"refused", refused}};
-    if (!added.empty()) body["first_frame"] = added.begin()->first;
-    s.insert_event({FlightEventKind::pictures_accepted, std::nullopt, json_text(body)}, now);
+    s.insert_pictures(intake.added());
+    s.insert_refusals(answers);
+    s.insert_event({FlightEventKind::pictures_accepted, std::nullopt, accepted_text(intake.added(), answers)}, now);
   });
-  files.keep();
-  s.accepted = next;
+  intake.keep_files();
+  s.accepted += intake.added().size();
   return answers;
+}
+
+StoredPictures FlightStore::Impl::stored_pictures() const {
+  StoredPictures stored;
+  stored.of_name = [this](std::string_view name) -> std::optional<StoredPictures::Named> {
+    const std::scoped_lock guard(mutex);
+    auto row = database->prepare("SELECT frame FROM picture WHERE name = ? AND frame IS NOT NULL");
+    if (!row.bind(1, name).step()) return std::nullopt;
+    const auto frame = static_cast<std::size_t>(row.integer(0));
+    return StoredPictures::Named{frame, picture(frame).sha256.value_or(Sha256{})};
+  };
+  stored.of_content = [this](const Sha256& content) -> std::optional<std::size_t> {
+    const std::scoped_lock guard(mutex);
+    auto row = database->prepare("SELECT frame FROM picture WHERE sha256 = ? AND frame IS NOT NULL");
+    if (!row.bind(1, ByteView(content.bytes)).step()) return std::nullopt;
+    return static_cast<std::size_t>(row.integer(0));
+  };
+  const std::scoped_lock guard(mutex);
+  stored.frames = accepted;
+  if (accepted > 0) stored.last_time_s = picture(accepted - 1).telemetry.time_s;
+  stored.bytes = static_cast<std::uint64_t>(scalar("SELECT ifnull(sum(bytes), 0) FROM picture"));
+  return stored;
+}
+
+void FlightStore::Impl::insert_pictures(const std::map<std::size_t, NewPicture>& added) {
+  auto insert = database->prepare(
+      "INSERT INTO picture (frame, name, file, sha256, bytes, width, height, time_s, telemetry, state, reason) "
+      "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, 'accepted', '')");
+  for (const auto& [frame, picture] : added) {
+    const PictureFacts& facts = picture.facts;
+    const Bytes telemetry = encode(Record(InputRecord{frame, picture.telemetry, facts.sha256, facts.bytes}));
+    insert.bind(1, signed_of(frame)).bind(2, picture.telemetry.frame).bind(3, picture.file);
+    insert.bind(4, ByteView(facts.sha256.bytes)).bind(5, signed_of(facts.bytes));
+    insert.bind(6, std::int64_t{facts.width}).bind(7, std::int64_t{facts.height});
+    insert.bind_real(8, picture.telemetry.time_s).bind(9, ByteView(telemetry)).run();
+  }
+}
+
+void FlightStore::Impl::insert_refusals(std::span<const PictureAnswer> answers) {
+  auto stored = static_cast<std::size_t>(scalar("SELECT count(*) FROM picture WHERE state = 'refused'"));
+  auto insert = database->prepare("INSERT INTO picture (name, file, state, reason) VALUES (?, '', 'refused', ?)");
+  for (const PictureAnswer& answer : answers) {
+    if (!answer.refusal || stored++ >= options.limits.stored_refusals) continue;
+    insert.bind(1, printable(answer.name.substr(0, 255))).bind(2, text_of(*answer.refusal)).run();
+  }
 }
 
 void FlightStore::refer(const fs::path& folder, std::span<const Telemetry> frames, std::span<const std::string> files,
@@ -546,33 +445,14 @@ Bytes FlightStore::read_picture(std::size_t frame) const {
 
 // ---- Processing
 
-std::vector<UserFix> FlightStore::Impl::read_fixes(SqliteStatement& rows) const {
-  std::vector<UserFix> fixes;
-  while (rows.step()) {
-    fixes.push_back({.id = rows.integer(0),
-                     .before_frame = static_cast<std::size_t>(rows.integer(1)),
-                     .place = {.lon_deg = rows.real(3), .lat_deg = rows.real(2)},
-                     .radius_m = rows.real(4),
-                     .by = std::string(rows.text(5)),
-                     .time = {rows.integer(6)}});
-  }
-  return fixes;
-}
-
 std::vector<UserFix> FlightStore::fixes_before(std::size_t frame) const {
   const std::scoped_lock guard(impl_->mutex);
-  auto rows = impl_->database->prepare(
-      "SELECT id, before_frame, lat_deg, lon_deg, radius_m, author, time_ms FROM fix WHERE before_frame = ? ORDER BY "
-      "id");
-  rows.bind(1, signed_of(frame));
-  return impl_->read_fixes(rows);
+  return impl_->annotations.fixes_before(frame);
 }
 
 std::vector<UserFix> FlightStore::fixes() const {
   const std::scoped_lock guard(impl_->mutex);
-  auto rows = impl_->database->prepare(
-      "SELECT id, before_frame, lat_deg, lon_deg, radius_m, author, time_ms FROM fix ORDER BY id");
-  return impl_->read_fixes(rows);
+  return impl_->annotations.fixes();
 }
 
 std::optional<BegunFrame> FlightStore::begin_frame() {
@@ -700,32 +580,124 @@ AnchorReport FlightStore::look_of(std::size_t frame) const {
   return std::get<AnchorRecord>(*record).anchor;
 }
 
-UserFix FlightStore::add_fix(const LonLat& place, double radius_m, std::string_view by, UtcMillis now) {
-  check_place(place, radius_m);
+// ---- What people say
+
+UserFix FlightStore::add_fix(UserFix said, UtcMillis now) {
   Impl& s = *impl_;
   const std::scoped_lock guard(s.mutex);
-  UserFix fix{.id = 0,
-              .before_frame = s.begun ? *s.begun + 1 : s.processed,
-              .place = place,
-              .radius_m = radius_m,
-              .by = printable(by.substr(0, 255)),
-              .time = now};
+  said.before_frame = s.next_frame();
+  said.by = printable(said.by.substr(0, 255));
+  said.time = now;
   s.transaction("fix", [&] {
-    auto insert = s.database->prepare(
-        "INSERT INTO fix (before_frame, lat_deg, lon_deg, radius_m, author, time_ms) VALUES (?, ?, ?, ?, ?, ?)");
-    insert.bind(1, signed_of(fix.before_frame)).bind_real(2, place.lat_deg).bind_real(3, place.lon_deg);
-    insert.bind_real(4, radius_m).bind(5, fix.by).bind(6, now.unix_ms).run();
-    fix.id = s.scalar("SELECT last_insert_rowid()");
-    s.insert_event({FlightEventKind::user_fix, fix.before_frame,
-                    json_text({{"fix", fix.id},
-                               {"lat_deg", place.lat_deg},
-                               {"lon_deg", place.lon_deg},
-                               {"radius_m", radius_m},
-                               {"by", fix.by}})},
-                   now);
+    said.id = s.annotations.insert_fix(said);
+    nlohmann::json body{{"fix", said.id},
+                        {"lat_deg", said.place.lat_deg},
+                        {"lon_deg", said.place.lon_deg},
+                        {"radius_m", said.radius_m},
+                        {"by", said.by}};
+    if (said.frame) body["of_frame"] = *said.frame;
+    s.insert_event({FlightEventKind::user_fix, said.before_frame, json_text(body)}, now);
   });
-  return fix;
+  return said;
 }
+
+UserFix FlightStore::add_fix(const LonLat& place, double radius_m, std::string_view by, UtcMillis now) {
+  UserFix said;
+  said.place = place;
+  said.radius_m = radius_m;
+  said.sigma_m = radius_m / kHintRadiusSigmas;
+  said.hint = {place, radius_m};
+  said.by = by;
+  return add_fix(std::move(said), now);
+}
+
+std::optional<UserFix> FlightStore::withdraw_fix(std::int64_t id, UtcMillis now) {
+  Impl& s = *impl_;
+  const std::scoped_lock guard(s.mutex);
+  s.transaction("withdraw", [&] {
+    if (!s.annotations.withdraw_fix(id, s.next_frame(), now)) return;
+    s.insert_event({FlightEventKind::fix_withdrawn, std::nullopt, json_text({{"fix", id}})}, now);
+  });
+  for (UserFix& fix : s.annotations.fixes()) {
+    if (fix.id == id) return std::move(fix);
+  }
+  return std::nullopt;
+}
+
+void FlightStore::Impl::insert_object_event(std::int64_t object, UtcMillis now) {
+  insert_event({FlightEventKind::objects_changed, std::nullopt, json_text({{"object", object}})}, now);
+}
+
+MarkedObject FlightStore::add_object(std::string_view name, const MarkedSighting& first, std::string_view by,
+                                     UtcMillis now) {
+  Impl& s = *impl_;
+  const std::scoped_lock guard(s.mutex);
+  MarkedObject object{.id = 0,
+                      .name = printable(name.substr(0, kMaxObjectName)),
+                      .by = printable(by.substr(0, 255)),
+                      .time = now,
+                      .sightings = {first}};
+  s.transaction("object", [&] {
+    object.id = s.annotations.insert_object(object);
+    s.insert_object_event(object.id, now);
+  });
+  return s.annotations.object(object.id).value_or(std::move(object));
+}
+
+std::optional<MarkedObject> FlightStore::add_sighting(std::int64_t object, const MarkedSighting& sighting,
+                                                      UtcMillis now) {
+  Impl& s = *impl_;
+  const std::scoped_lock guard(s.mutex);
+  if (!s.annotations.object(object)) return std::nullopt;
+  s.transaction("sighting", [&] {
+    s.annotations.insert_sighting(object, sighting);
+    s.insert_object_event(object, now);
+  });
+  return s.annotations.object(object);
+}
+
+std::optional<MarkedObject> FlightStore::rename_object(std::int64_t id, std::string_view name, UtcMillis now) {
+  Impl& s = *impl_;
+  const std::scoped_lock guard(s.mutex);
+  s.transaction("rename", [&] {
+    if (s.annotations.rename_object(id, printable(name.substr(0, kMaxObjectName)))) s.insert_object_event(id, now);
+  });
+  return s.annotations.object(id);
+}
+
+bool FlightStore::remove_object(std::int64_t id, UtcMillis now) {
+  Impl& s = *impl_;
+  const std::scoped_lock guard(s.mutex);
+  bool removed = false;
+  s.transaction("remove", [&] {
+    removed = s.annotations.remove_object(id);
+    if (removed) s.insert_object_event(id, now);
+  });
+  return removed;
+}
+
+bool FlightStore::remove_sighting(std::int64_t object, std::int64_t sighting, UtcMillis now) {
+  Impl& s = *impl_;
+  const std::scoped_lock guard(s.mutex);
+  bool removed = false;
+  s.transaction("remove", [&] {
+    removed = s.annotations.remove_sighting(object, sighting);
+    if (removed) s.insert_object_event(object, now);
+  });
+  return removed;
+}
+
+std::vector<MarkedObject> FlightStore::objects() const {
+  const std::scoped_lock guard(impl_->mutex);
+  return impl_->annotations.objects();
+}
+
+std::optional<MarkedObject> FlightStore::object(std::int64_t id) const {
+  const std::scoped_lock guard(impl_->mutex);
+  return impl_->annotations.object(id);
+}
+
+// ---- Estimates after the fact
 
 void FlightStore::put_estimates(EstimateKind kind, std::span<const Estimate> estimates,
                                 std::span<const StoredFlightEvent> events, UtcMillis now) {

@@ -5,7 +5,8 @@
 //   measurements  what vision found in a frame (recorded_vision.hpp)
 //   estimates     where each frame was: online as it was processed, refined with the whole flight, adjusted
 //   segments      stretches over which odometry did not break (segment_tracker.hpp)
-//   fixes         where a person said that a frame was taken
+//   fixes         where a person said that a frame was taken (flight_annotations.hpp)
+//   objects       what a person marked in the pictures
 //   events        all that happened, in order, each with a number: whoever lost the connection asks for those after the
 //                 last number that he has
 //
@@ -27,12 +28,12 @@
 #include <vector>
 
 #include "base/bytes.hpp"
-#include "base/input_file.hpp"
 #include "base/time.hpp"
 #include "estimation/estimate.hpp"
 #include "estimation/telemetry.hpp"
+#include "flights/flight_annotations.hpp"
 #include "flights/flight_database.hpp"
-#include "flights/picture_check.hpp"
+#include "flights/picture_intake.hpp"
 #include "flights/segment_tracker.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "recorder/records.hpp"
@@ -61,29 +62,6 @@ struct FlightStoreOptions {
   FlightCommitHook hook;
 };
 
-// A picture that is offered: its bytes, or a file of a folder. The names of files never become paths.
-struct PictureOffer {
-  std::string name;
-  Telemetry telemetry;  // its time and what was measured then; the frame's name becomes `name`
-  ByteView bytes;
-  const Directory* folder = nullptr;  // then the file of that name in it, which must not be a link
-};
-
-struct PictureAnswer {
-  enum class Outcome {
-    accepted,
-    known,  // the same picture under the same name was accepted before: an upload that was repeated
-    refused
-  };
-
-  std::string name;
-  Outcome outcome = Outcome::accepted;
-  std::optional<std::size_t> frame;       // of accepted and known ones
-  std::optional<PictureRefusal> refusal;  // of refused ones
-};
-
-std::string_view name_of(PictureAnswer::Outcome outcome);
-
 enum class PictureState { accepted, processed, refused };
 std::string_view name_of(PictureState state);
 
@@ -96,16 +74,6 @@ struct PictureRow {
   std::uint64_t bytes = 0;
   int width = 0, height = 0;
   Telemetry telemetry;
-};
-
-// Where a person says that the aircraft was at the next frame.
-struct UserFix {
-  std::int64_t id = 0;
-  std::size_t before_frame = 0;  // applied before this frame is processed
-  LonLat place;
-  double radius_m = 0;
-  std::string by;
-  UtcMillis time;
 };
 
 struct EventRow {
@@ -193,8 +161,21 @@ class FlightStore {
   AnchorReport look_of(std::size_t frame) const;  // at the map, of a processed frame; without its images
   std::vector<UserFix> fixes_before(std::size_t frame) const;
 
-  // Throws UsageError for an invalid place or radius.
+  // Its id, its time and the frame that it is applied before are decided here. Throws UsageError for an invalid place,
+  // radius or pixel.
+  UserFix add_fix(UserFix said, UtcMillis now);
+  // The aircraft was within this radius.
   UserFix add_fix(const LonLat& place, double radius_m, std::string_view by, UtcMillis now);
+  // It is not used from the next frame on. Nothing: there is no such fix. One that is withdrawn already stays as it is.
+  std::optional<UserFix> withdraw_fix(std::int64_t id, UtcMillis now);
+
+  // Throw UsageError for more objects or sightings than there may be, and pixels that are no numbers. Nothing, false:
+  // there is no such object or sighting.
+  MarkedObject add_object(std::string_view name, const MarkedSighting& first, std::string_view by, UtcMillis now);
+  std::optional<MarkedObject> add_sighting(std::int64_t object, const MarkedSighting& sighting, UtcMillis now);
+  std::optional<MarkedObject> rename_object(std::int64_t id, std::string_view name, UtcMillis now);
+  bool remove_object(std::int64_t id, UtcMillis now);
+  bool remove_sighting(std::int64_t object, std::int64_t sighting, UtcMillis now);  // UsageError: it is the last one
 
   // All frames' estimates of a kind other than online; they replace those of that kind. events: appended.
   void put_estimates(EstimateKind kind, std::span<const Estimate> estimates, std::span<const StoredFlightEvent> events,
@@ -206,7 +187,9 @@ class FlightStore {
   // By frame, from the first one that is asked for.
   std::vector<Estimate> estimates(EstimateKind kind, std::size_t first = 0, std::size_t most = SIZE_MAX) const;
   std::vector<FlightSegment> segments() const;
-  std::vector<UserFix> fixes() const;
+  std::vector<UserFix> fixes() const;  // by number, withdrawn ones too
+  std::vector<MarkedObject> objects() const;
+  std::optional<MarkedObject> object(std::int64_t id) const;
   std::int64_t last_event() const;  // its number
   // At most `most` events after the one of this number; 0: from the first.
   std::vector<EventRow> events_after(std::int64_t id, std::size_t most) const;

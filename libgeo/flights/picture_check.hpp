@@ -2,7 +2,7 @@
 //
 // This module looks at one picture by itself: its name, its time, its bytes, and the size that its header declares. No
 // pixel is decoded: a picture whose pixels are damaged is accepted, and the localizer reports its frame as unfit. What
-// depends on the pictures before it (names and contents that are there already, the order of time) the FlightStore
+// depends on the pictures before it (names and contents that are there already, the order of time) the PictureIntake
 // adds.
 #pragma once
 

@@ -238,7 +238,7 @@ struct RecordedVision::Tape {
     std::size_t frame = 0;
     OdometryFrame seen;  // without its image
   };
-  std::deque<GivenFrame> given;  // to odometry, as many as it compares a frame with; since it was told to forget them
+  std::deque<GivenFrame> given;  // to odometry, as many as it compares a frame with; since it was last reset
 
   [[noreturn]] void refuse(std::string found) const {
     throw Error({.what = fmt::format("frame {} is estimated differently than when it was processed", frame),

@@ -12,11 +12,12 @@ constexpr int kFailuresBeforeHelp = 3;
 // A window grows a little with every frame; it is worth telling when a quarter more is searched.
 constexpr double kExpandedBy = 1.12;
 
-constexpr std::array<FlightEventKind, 12> kKinds{
-    FlightEventKind::flight_created,   FlightEventKind::pictures_accepted,  FlightEventKind::frame_processed,
-    FlightEventKind::frame_refined,    FlightEventKind::search_expanded,    FlightEventKind::segment_started,
-    FlightEventKind::segment_anchored, FlightEventKind::segments_merged,    FlightEventKind::user_input_needed,
-    FlightEventKind::user_fix,         FlightEventKind::processing_blocked, FlightEventKind::flight_completed};
+constexpr std::array kKinds{
+    FlightEventKind::flight_created,     FlightEventKind::pictures_accepted, FlightEventKind::frame_processed,
+    FlightEventKind::frame_refined,      FlightEventKind::search_expanded,   FlightEventKind::segment_started,
+    FlightEventKind::segment_anchored,   FlightEventKind::segments_merged,   FlightEventKind::user_input_needed,
+    FlightEventKind::user_fix,           FlightEventKind::fix_withdrawn,     FlightEventKind::objects_changed,
+    FlightEventKind::processing_blocked, FlightEventKind::flight_completed};
 
 StoredFlightEvent event(FlightEventKind kind, std::size_t frame, const nlohmann::json& body) {
   return {kind, frame, body.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
@@ -67,6 +68,8 @@ std::string_view name_of(FlightEventKind kind) {
     case FlightEventKind::segments_merged: return "segments_merged";
     case FlightEventKind::user_input_needed: return "user_input_needed";
     case FlightEventKind::user_fix: return "user_fix";
+    case FlightEventKind::fix_withdrawn: return "fix_withdrawn";
+    case FlightEventKind::objects_changed: return "objects_changed";
     case FlightEventKind::processing_blocked: return "processing_blocked";
     case FlightEventKind::flight_completed: return "flight_completed";
   }

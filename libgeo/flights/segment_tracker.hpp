@@ -47,6 +47,8 @@ enum class FlightEventKind {
   segments_merged,
   user_input_needed,   // three looks in a row found nothing
   user_fix,            // a person said where
+  fix_withdrawn,       // and has withdrawn it
+  objects_changed,     // a person marked, named or removed an object
   processing_blocked,  // cannot go on: a picture is missing, the disk is full
   flight_completed
 };

@@ -1,4 +1,4 @@
-// The JSON body of a request: read strictly, and all that is wrong with it told in one answer.
+// The JSON body of a request: read strictly, with all that is wrong with it in one answer.
 //
 //   auto parsed = read_body<Hint>(request, [](BodyFields& body, FieldErrors& errors) {
 //     Hint hint;

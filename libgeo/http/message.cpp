@@ -49,6 +49,11 @@ ApiResponse json_answer(int status, const nlohmann::json& document) {
   return {.status = status, .body = document.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
 }
 
+ApiResponse without_cache(ApiResponse response) {
+  response.headers.emplace_back("Cache-Control", "no-store");
+  return response;
+}
+
 ApiResponse page_answer(std::string_view text, std::string type) {
   return {.content_type = std::move(type),
           .body = std::string(text),

@@ -58,6 +58,9 @@ ApiResponse answer(const Problem& problem);
 
 ApiResponse json_answer(int status, const nlohmann::json& document);
 
+// What is different the next time.
+ApiResponse without_cache(ApiResponse response);
+
 // A part of a web page. It loads nothing from elsewhere, runs no script but its own, and cannot be framed.
 ApiResponse page_answer(std::string_view text, std::string type);
 

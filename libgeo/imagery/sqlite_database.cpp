@@ -302,6 +302,20 @@ void SqliteDatabase::execute(const std::string& sql) const {
   if (sqlite3_exec(handle_.get(), sql.c_str(), nullptr, nullptr, nullptr) != SQLITE_OK) fail("running a statement");
 }
 
+void SqliteDatabase::transaction(const std::function<void()>& work) const {
+  execute("BEGIN IMMEDIATE");
+  try {
+    work();
+    execute("COMMIT");
+  } catch (...) {
+    try {
+      execute("ROLLBACK");
+    } catch (const Error&) {  // SQLite has done it already; what went wrong first is what matters
+    }
+    throw;
+  }
+}
+
 bool SqliteDatabase::has_table(std::string_view name) const {
   auto found = prepare("SELECT 1 FROM sqlite_master WHERE type IN ('table', 'view') AND name = ?");
   return found.bind(1, name).step();

@@ -14,6 +14,7 @@
 #include <atomic>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -88,6 +89,8 @@ class SqliteDatabase {
   SqliteStatement prepare(std::string_view sql) const&;
   SqliteStatement prepare(std::string_view sql) const&& = delete;  // a statement uses its database
   void execute(const std::string& sql) const;
+  // All that `work` changes, or nothing of it when it throws or cannot be committed.
+  void transaction(const std::function<void()>& work) const;
   bool has_table(std::string_view name) const;  // or a view
   void close();                                 // throws where the destructor would swallow the error
 

@@ -1,67 +1,19 @@
-// FlightMap: the map of our pages, on Leaflet (L). A package's tiles, tracks in the colours of their segments, the ellipse
-// that holds the aircraft with 95 %, the protection level around it, and places that people gave.
+// FlightMap: a flight on the map. Tracks in the colours of their segments, another one to compare them with, the ellipse
+// that holds the aircraft with 95 %, the protection level around it, fixes that people gave, and objects they marked.
 //
-//   const map = makeFlightMap(element, { onFrame: (frame) => …, onPlace: (lat, lon) => … });
+//   const map = makeFlightMap(element, { onFrame: (frame) => …, onPlace: (lat, lon) => …, onObject: (id) => … });
 //   map.setPackage({ name, zooms: { min, max }, bounds: [west, south, east, north] });
 //   map.setEstimates(estimates);   // as GET …/estimates lists them; addEstimate() for one more
+//   map.setCompared(estimates);    // a second track, dashed, with a line between the two places of each frame
 //   map.select(frame);             // draws its ellipse and its protection level
 //   map.askForPlace(true);         // the next click, or Enter for the middle of the map, is a place
-//
-// Tiles are fetched by call(), because an <img> cannot send a token.
 
-// They differ in brightness as well; the first is the one that most flights have alone.
-const segmentColours = ["#0a58ca", "#d9480f", "#067a4f", "#862e9c", "#b08900", "#c2255c", "#0b7285", "#5c3d1e"];
-const segmentColour = (segment) => segmentColours[segment % segmentColours.length];
-const sigmasOf95 = 2.448;
-const metresPerDegree = 111320;
-
-// The ellipse as a polygon. bearing_deg: of the major axis, clockwise from north.
-const ellipsePoints = ({ lat, lon, ellipse }) => {
-  const bearing = ellipse.bearing_deg * Math.PI / 180, points = [];
-  const east = metresPerDegree * Math.cos(lat * Math.PI / 180);
-  for (let i = 0; i < 48; ++i) {
-    const along = sigmasOf95 * ellipse.major_m * Math.cos(i * Math.PI / 24), across = sigmasOf95 * ellipse.minor_m * Math.sin(i * Math.PI / 24);
-    const dNorth = along * Math.cos(bearing) - across * Math.sin(bearing), dEast = along * Math.sin(bearing) + across * Math.cos(bearing);
-    points.push([lat + dNorth / metresPerDegree, lon + dEast / east]);
-  }
-  return points;
-};
-
-const makePackageTiles = (pack) => {
-  const Tiles = L.GridLayer.extend({
-    createTile(coords, done) {
-      const tile = document.createElement("img");
-      tile.alt = "";
-      tile.setAttribute("role", "presentation");
-      const abort = new AbortController();
-      tile.stop = () => abort.abort();
-      const path = `/v1/packages/${encodeURIComponent(pack.name)}/tiles/${coords.z}/${coords.x}/${coords.y}`;
-      call(path, {}, abort.signal).then(async (response) => {
-        if (!response.ok) return done(null, tile);  // beyond the edge of the map
-        const address = URL.createObjectURL(await response.blob());
-        tile.onload = tile.onerror = () => { URL.revokeObjectURL(address); done(null, tile); };
-        tile.src = address;
-      }).catch((error) => done(error, tile));
-      return tile;
-    },
-  });
-  const [west, south, east, north] = pack.bounds;
-  // Farther out, Leaflet would go through the tiles of all that the window shows, at the least zoom that there is.
-  const farthest = Math.max(0, pack.zooms.min - 3);
-  const tiles = new Tiles({ minNativeZoom: pack.zooms.min, maxNativeZoom: pack.zooms.max, minZoom: farthest, maxZoom: 22, keepBuffer: 1,
-                            bounds: [[south, west], [north, east]] });
-  tiles.on("tileunload", ({ tile }) => tile.stop());
-  return tiles;
-};
-
-const makeFlightMap = (container, { onFrame, onPlace }) => {
-  const map = L.map(container, { preferCanvas: true, zoomControl: true, maxZoom: 22, zoomSnap: 0.25, attributionControl: true });
-  map.attributionControl.setPrefix("Leaflet");
+const makeFlightMap = (container, { onFrame, onPlace, onObject }) => {
+  const { map, renderer } = makeBaseMap(container);
   map.setView([20, 0], 2);
-  L.control.scale({ imperial: false }).addTo(map);
-  const renderer = L.canvas({ padding: 0.3, tolerance: 6 });
   const layer = () => L.layerGroup().addTo(map);
-  const uncertainties = layer(), casings = layer(), lines = layer(), dots = layer(), places = layer(), marks = layer();
+  const uncertainties = layer(), compared = layer(), casings = layer(), lines = layer(), dots = layer(), places = layer(), objects = layer(),
+        marks = layer(), chosen = layer();
   let tiles = null, placed = false, asking = false, following = true;
   const estimates = [], strokes = new Map(), dotOf = new Map();
   let selected = null, showAll = false;
@@ -142,14 +94,35 @@ const makeFlightMap = (container, { onFrame, onPlace }) => {
     event.preventDefault();
     onPlace(map.getCenter().lat, map.getCenter().lng);
   });
-  new ResizeObserver(() => map.invalidateSize({ animate: false })).observe(container);
+
+  // Of the other track: where each frame was there, and how far that is from where it is here.
+  let other = null;
+  const redrawCompared = () => {
+    compared.clearLayers();
+    if (!other) return;
+    let run = [], segment = null;
+    const end = () => {
+      if (run.length > 1) L.polyline(run, { renderer, interactive: false, color: "#0a0f14", weight: 2.5, opacity: .85, dashArray: "3 5" }).addTo(compared);
+      run = [];
+    };
+    other.forEach((estimate, i) => {
+      if (!estimate?.position) return end();
+      if (estimate.segment !== segment) end();
+      segment = estimate.segment;
+      const at = [estimate.position.lat, estimate.position.lon], here = estimates[i]?.position;
+      run.push(at);
+      if (here) L.polyline([at, [here.lat, here.lon]], { renderer, interactive: false, color: "#b3140c", weight: 1.5, opacity: .8 }).addTo(compared);
+    });
+    end();
+  };
 
   return {
+    leaflet: map,
     setPackage: (pack) => {
       tiles?.remove();
       tiles = null;
       if (!pack?.bounds) return;
-      tiles = makePackageTiles(pack).addTo(map);
+      tiles = makePackageTiles(pack, (z, x, y) => `/v1/packages/${encodeURIComponent(pack.name)}/tiles/${z}/${x}/${y}`).addTo(map);
       const [west, south, east, north] = pack.bounds;
       if (!placed) map.fitBounds([[south, west], [north, east]], { animate: false });
     },
@@ -157,8 +130,10 @@ const makeFlightMap = (container, { onFrame, onPlace }) => {
       estimates.length = 0;
       for (const estimate of list) estimates[estimate.frame] = estimate;
       redrawTrack();
+      redrawCompared();
       if (!placed) showTrack();
     },
+    setCompared: (list) => { other = list; redrawCompared(); },
     addEstimate: (estimate) => {
       const known = estimates[estimate.frame] !== undefined;
       estimates[estimate.frame] = estimate;
@@ -174,10 +149,31 @@ const makeFlightMap = (container, { onFrame, onPlace }) => {
     setFixes: (fixes) => {
       places.clearLayers();
       for (const fix of fixes) {
+        if (fix.withdrawn) continue;
         L.circle([fix.lat, fix.lon], { renderer, interactive: false, radius: fix.radius_m, color: "#0a0f14", weight: 2, dashArray: "2 5", fillOpacity: .05 }).addTo(places);
         L.circleMarker([fix.lat, fix.lon], { renderer, interactive: false, radius: 4, color: "#ffffff", weight: 2, fillColor: "#0a0f14", fillOpacity: 1 }).addTo(places);
       }
     },
+    setObjects: (list) => {
+      objects.clearLayers();
+      for (const { id, name, place } of list) {
+        if (!place) continue;
+        const at = [place.lat, place.lon], colour = place.agrees ? "#862e9c" : "#b3140c";
+        L.polygon(ellipsePoints({ lat: place.lat, lon: place.lon, ellipse: place.ellipse_95 }, 1), { renderer, interactive: false, color: colour, weight: 2, fillOpacity: .15 }).addTo(objects);
+        const dot = L.circleMarker(at, { renderer, radius: 5, color: "#ffffff", weight: 2, fillColor: colour, fillOpacity: 1, bubblingMouseEvents: false });
+        dot.on("click", () => (asking ? onPlace(place.lat, place.lon) : onObject(id)));
+        const label = document.createElement("span");
+        label.textContent = name || `object ${id}`;
+        dot.bindTooltip(label, { permanent: true, direction: "right", offset: [8, 0], className: "object-label" }).addTo(objects);
+      }
+    },
+    // The place that is about to become a fix; null for none.
+    setChosen: (place) => {
+      chosen.clearLayers();
+      if (place) L.circleMarker([place.lat, place.lon], { renderer, interactive: false, radius: 8, color: "#b3140c", weight: 3, fill: false }).addTo(chosen);
+    },
+    goTo: (lat, lon) => map.panTo([lat, lon], { animate: false }),
+    middle: () => ({ lat: map.getCenter().lat, lon: map.getCenter().lng }),
     select: (frame) => {
       selected = frame;
       redrawUncertainties();
@@ -192,7 +188,8 @@ const makeFlightMap = (container, { onFrame, onPlace }) => {
       selected = null;
       following = true;
       estimates.length = 0;
-      places.clearLayers();
+      other = null;
+      for (const group of [places, objects, chosen, compared]) group.clearLayers();
       askForPlace(false);
       redrawTrack();
     },

@@ -13,9 +13,11 @@ ApiResponse tile_answer(const TileSource* tiles, std::string_view address) {
                    .type = "tile",
                    .detail = "a tile's path ends in tiles/ZOOM/COLUMN/ROW, rows counted from the north"});
   }
-  const std::optional<Bytes> bytes = tiles != nullptr ? tiles->read(*key) : std::nullopt;
-  const std::optional<ImageFormat> format = bytes ? sniff_image_format(*bytes) : std::nullopt;
-  if (!format) return answer({.status = 404, .type = "tile", .detail = "the package holds no such tile"});
+  if (tiles == nullptr) return answer({.status = 404, .type = "tile", .detail = "there is no package"});
+  const std::optional<Bytes> bytes = tiles->read(*key);
+  if (!bytes) return {.status = 204, .content_type = {}, .headers = {{"Cache-Control", "private, max-age=60"}}};
+  const std::optional<ImageFormat> format = sniff_image_format(*bytes);
+  if (!format) return answer({.status = 404, .type = "tile", .detail = "the package holds no image there"});
   return {.content_type = fmt::format("image/{}", name_of(*format)),
           .body = std::string(as_text(*bytes)),
           .headers = {{"Cache-Control", "private, max-age=60"}}};

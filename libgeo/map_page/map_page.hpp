@@ -1,10 +1,12 @@
 // The map of our web pages: the texts that a page is made of, and the tiles that it asks for.
 //
 //   leaflet_script, leaflet_style   Leaflet 1.7.1 as Debian builds it
-//   calls.js    calls to a service: with the token when there is one, and an event stream that is resumed
-//   map.js      FlightMap: a package's tiles, tracks by segment or source, error ellipses, protection levels, fixes
+//   calls.js      calls to a service: with the token when there is one, and an event stream that is resumed
+//   base_map.js   the map beneath all pages: controls, a package's tiles, ellipses
+//   map.js        FlightMap: tracks by segment, error ellipses, protection levels, fixes, marked objects
+//   picture.js    a frame's picture, beside the map and laid on it
 //
-// calls.js and map.js are joined with a page's own script; both expect `element` of report/dom.js.
+// They are joined in this order with a page's own script, which has `element` of report/dom.js.
 #pragma once
 
 #include <string_view>
@@ -19,11 +21,14 @@ namespace map_page {
 extern const std::string_view leaflet_script;
 extern const std::string_view leaflet_style;
 extern const std::string_view calls;
-extern const std::string_view map;
+extern const std::string_view base_map;
+extern const std::string_view flight_map;
+extern const std::string_view picture;
 
 }  // namespace map_page
 
-// The tile of "ZOOM/COLUMN/ROW", rows from the north; 404 where there is none. tiles: null for none at all.
+// The tile of "ZOOM/COLUMN/ROW", rows from the north. 204 where the map has none, because a map's edge is no error in a
+// browser's console; 404 for what is no address. tiles: null for none at all, 404.
 ApiResponse tile_answer(const TileSource* tiles, std::string_view address);
 
 }  // namespace nadir

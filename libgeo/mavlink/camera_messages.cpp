@@ -21,7 +21,7 @@ Wire wire_of(const MavlinkFrame& frame, void (*decode)(const mavlink_message_t*,
   return wire;
 }
 
-// Microseconds since 1970 or since boot, told apart by their magnitude as MAVLink prescribes.
+// Microseconds since 1970 or since boot, distinguished by their magnitude as MAVLink prescribes.
 void set_time(PictureReport& report, std::uint64_t us) {
   constexpr std::uint64_t kYear2000_us = 946'684'800'000'000, kYear2100_us = 4'102'444'800'000'000;
   if (us == 0 || us > kYear2100_us) return;

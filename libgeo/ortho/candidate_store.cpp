@@ -169,23 +169,18 @@ CandidateOutcome CandidateStore::put_one(const Candidate& candidate) {
 std::vector<CandidateOutcome> CandidateStore::put(std::span<const Candidate> candidates) {
   std::vector<CandidateOutcome> outcomes;
   const std::uint64_t tiles_before = tiles_, bytes_before = bytes_;
-  database_->execute("BEGIN IMMEDIATE");
   try {
-    for (const Candidate& candidate : candidates) {
-      if (sha256(candidate.tile) != candidate.sidecar.sha256 || candidate.tile.size() != candidate.sidecar.size ||
-          candidate.sidecar.format != options_.format) {
-        throw Error({.what = "a candidate tile does not match its sidecar", .where = to_text(candidate.sidecar.key)});
+    database_->transaction([&] {
+      for (const Candidate& candidate : candidates) {
+        if (sha256(candidate.tile) != candidate.sidecar.sha256 || candidate.tile.size() != candidate.sidecar.size ||
+            candidate.sidecar.format != options_.format) {
+          throw Error({.what = "a candidate tile does not match its sidecar", .where = to_text(candidate.sidecar.key)});
+        }
+        outcomes.push_back(put_one(candidate));
       }
-      outcomes.push_back(put_one(candidate));
-    }
-    database_->execute("COMMIT");
+    });
   } catch (...) {
     tiles_ = tiles_before, bytes_ = bytes_before;
-    try {
-      database_->execute("ROLLBACK");
-    } catch (const Error&) {
-      // SQLite has rolled back by itself, as it does when the disk is full.
-    }
     throw;
   }
   return outcomes;
@@ -215,10 +210,11 @@ void CandidateStore::set_bounds() {
 }
 
 void CandidateStore::close() {
-  database_->execute("BEGIN IMMEDIATE");
-  set_bounds();
-  set_metadata("nadir_clean_shutdown", "1");
-  database_->execute("COMMIT; PRAGMA journal_mode = DELETE;");
+  database_->transaction([this] {
+    set_bounds();
+    set_metadata("nadir_clean_shutdown", "1");
+  });
+  database_->execute("PRAGMA journal_mode = DELETE");
   database_->close();
 }
 

@@ -166,6 +166,9 @@ std::unique_ptr<ReadyFlight> FlightRequest::open(Context& context, const std::fi
     setup.matchability = package.matchability();
     if (package.terrain() != nullptr) {
       setup.surface = &ready->surface.emplace(*package.terrain(), setup.frame, package.mission().terrain.height_m);
+      setup.ground_msl_m = ready->surface->msl_m(start_.value_or(setup.frame.lonlat_from_plane(setup.area->middle())));
+    } else if (package.mission().terrain.height_m != 0) {
+      setup.ground_msl_m = package.mission().terrain.height_m;
     }
   }
   ready->setup.emplace(std::move(setup));

@@ -135,19 +135,27 @@ class ReplayCollector {
                   Progress& progress)
       : flight_(flight), setup_(setup), truth_(truth), csv_(csv), progress_(progress) {}
 
-  void add(std::size_t frame, FrameReport report) {
+  // restored: an interrupted replay has processed it, and may have said why it matches nowhere.
+  void add(std::size_t frame, FrameReport report, bool restored = false) {
     if (csv_ != nullptr) csv_->write(report.estimate);
     if (setup_.recording != nullptr) setup_.recording->after(frame, report);
     worst_.offer(frame, report_cost(report, error_of(report.estimate, truth_[frame], setup_.frame)), report.anchor);
     report.anchor.rectified.release();
     report.anchor.matched_map.release();
+    const bool diagnosis_due = watch_.due(report.anchor.verdict);
     result.frames.push_back(std::move(report));
     progress_.advance(1);
+    if (diagnosis_due && !restored) diagnose();
   }
 
   void before(std::size_t frame) {
     if (setup_.recording == nullptr) return;
     setup_.recording->before(frame, flight_.frames[frame], flight_.image_path(frame));
+  }
+
+  // After the last frame: of a flight that is too short for the watch, or was resumed.
+  void finish() {
+    if (!watch_.anchored() && !diagnosed_) diagnose();
   }
 
   ReplayedFlight take() {
@@ -158,13 +166,44 @@ class ReplayCollector {
   ReplayedFlight result;
 
  private:
+  void diagnose();
+
   const Flight& flight_;
   const ReplaySetup& setup_;
   const Truth& truth_;
   EstimatesCsv* csv_;
   Progress& progress_;
   WorstFrames worst_{kReportedFrames};
+  NoFixWatch watch_;
+  bool diagnosed_ = false;
 };
+
+// A recording was flown as its aircraft was: there is nothing to be stated otherwise.
+void ReplayCollector::diagnose() {
+  diagnosed_ = true;
+  if (!setup_.on_diagnosis || setup_.tiles == nullptr || setup_.recorded != nullptr) return;
+  if (setup_.on_no_match) setup_.on_no_match();
+  const int shrink = picture_shrink(flight_, setup_);
+  const CameraFile camera = shrunk_camera(flight_, shrink);
+  const StatedFlight stated{
+      .camera = camera,
+      .frame = setup_.frame,
+      .tiles = *setup_.tiles,
+      .start = setup_.start,
+      .area = setup_.area,
+      .surface = setup_.surface,
+      .places = setup_.places,
+      .ground_msl_m = setup_.ground_msl_m,
+      .telemetry = flight_.frames,
+      .read = [&](std::size_t i) { return read_flight_image(flight_.image_path(i), camera.camera, shrink); },
+      .matcher = setup_.matcher};
+  const DiagnosisBudget budget{.cancel = Cancel([this] {
+                                 progress_.advance(0);  // throws when interrupted
+                                 return false;
+                               })};
+  result.diagnosis = diagnose_no_fix(stated, budget);
+  if (result.diagnosis) setup_.on_diagnosis(*result.diagnosis);
+}
 
 void check_same_pictures(const Flight& flight, const FlightStore& store) {
   bool same = store.accepted() == flight.frames.size();
@@ -200,7 +239,7 @@ void fly_folder(const Flight& flight, const ReplaySetup& setup, FlightStore& sto
     published.estimate.latency_ms = 0;
     collector.result.published.push_back(std::move(published));
     collector.result.restored += restored ? 1U : 0U;
-    collector.add(frame, std::move(report));
+    collector.add(frame, std::move(report), restored);
   });
   collector.result.refined = engine.refined();
   collector.result.poses = engine.refined_poses();
@@ -244,6 +283,7 @@ ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, con
     const auto store = FlightStore::in_memory(flight_description(flight, std::move(session)), system_clock_millis());
     fly_folder(flight, setup, *store, collector);
   }
+  collector.finish();
   progress.end();
   return collector.take();
 }

@@ -5,6 +5,7 @@
 // frames as then, and from its beginning.
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -12,6 +13,7 @@
 #include "estimation/estimate.hpp"
 #include "estimation/visual_odometry.hpp"
 #include "flights/flight_store.hpp"
+#include "flights/no_fix_diagnosis.hpp"
 #include "geodesy/local_frame.hpp"
 #include "geodesy/region.hpp"
 #include "imagery/tile_source.hpp"
@@ -32,6 +34,8 @@ struct ReplayedFlight {
   std::vector<std::optional<FramePose>> poses;  // Localizer::refined_poses()
   std::vector<FrameImages> worst;
   std::size_t restored = 0;  // frames that an interrupted replay had processed
+  // Over a map: why the first frames matched nowhere, where they did. Later frames may have matched.
+  std::optional<NoFixDiagnosis> diagnosis;
 };
 
 // What the localizer starts from.
@@ -49,6 +53,11 @@ struct ReplaySetup {
   FlightStore* store = nullptr;              // where the flight is kept while it is flown; null: in memory
   ReplayRecording* recording = nullptr;      // where it is recorded, if anywhere
   const RecordedFlight* recorded = nullptr;  // flown as it was then: its configuration, its late anchors
+  std::optional<double> ground_msl_m{};      // of the ground, where it is known: for a diagnosis
+  // While the replay goes on: that the first frames match nowhere, and why, as soon as it is known. Empty: nobody wants
+  // to know, and nothing is tried.
+  std::function<void()> on_no_match{};
+  std::function<void(const NoFixDiagnosis&)> on_diagnosis{};
 };
 
 // The localizer's configuration, and the factor by which images are reduced when they are decoded.

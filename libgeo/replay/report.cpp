@@ -11,6 +11,7 @@
 #include "cli/nadir_version.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/map_window.hpp"
+#include "map_page/map_page.hpp"
 #include "replay/report_page.hpp"
 #include "report/page_text.hpp"
 
@@ -38,7 +39,7 @@ json frame_json(const FrameReport& report, const std::optional<double>& error_m,
                {"age", e.anchor_age_s ? json(rounded(*e.anchor_age_s)) : json()},
                {"error", error_m ? json(rounded(*error_m)) : json()},
                {"covariance", {0, 0, 0}},
-               {"sigma", rounded(e.sigma_m)},
+               {"sigma", e.position ? json(rounded(e.sigma_m)) : json()},
                {"hpl", e.position && e.hpl_m ? json(rounded(*e.hpl_m)) : json()},
                {"anchor", anchor_json(report.anchor)},
                {"odometry",
@@ -68,14 +69,15 @@ json tile(std::string value, const char* unit, const char* label, const char* mo
 }
 
 // The few numbers that answer "was it good?".
-json tiles_json(const Score& score) {
+json tiles_json(const Score& score, bool nothing_localized) {
   json tiles = json::array();
   if (const auto& e = score.errors) {
     tiles.push_back(tile(fmt::format("{:.1f}", e->median_m), "m", "median error"));
     tiles.push_back(tile(fmt::format("{:.1f}", e->p95_m), "m", "95 % of errors below"));
   }
-  if (score.localized_share > 0) {
-    tiles.push_back(tile(fmt::format("{:.0f}", 100 * score.localized_share), "%", "of frames anchored to the map"));
+  if (score.localized_share > 0 || nothing_localized) {
+    tiles.push_back(tile(fmt::format("{:.0f}", 100 * score.localized_share), "%", "of frames anchored to the map",
+                         nothing_localized ? "bad" : ""));
   }
   if (const auto& e = score.errors) {
     if (score.localized_share > 0)
@@ -105,7 +107,8 @@ json page_data(const ReportInput& input) {
   json data = {{"title", input.title},
                {"subtitle", input.subtitle},
                {"generator", fmt::format("Created by nadir {}", kVersion)},
-               {"tiles", tiles_json(input.score)},
+               {"tiles", tiles_json(input.score, !input.notice.empty())},
+               {"notice", input.notice},
                {"integrity", integrity_json(input.integrity)},
                {"figures", json::array()},
                {"frames", json::array()},
@@ -147,8 +150,10 @@ std::string jpeg_data_uri(const cv::Mat& image, int max_side, int quality) {
 std::string report_html(const ReportInput& input) {
   const std::string data = script_safe(page_data(input));
   const std::string title = html_escaped(input.title);
-  return fill_page(report_page::html,
-                   {{"title", title}, {"style", report_page::style}, {"data", data}, {"script", report_page::script}});
+  const std::string style = fmt::format("{}\n{}", map_page::leaflet_style, report_page::style);
+  const std::string script =
+      fmt::format("{}\n{}{}{}", map_page::leaflet_script, report_page::dom, map_page::base_map, report_page::script);
+  return fill_page(report_page::html, {{"title", title}, {"style", style}, {"data", data}, {"script", script}});
 }
 
 namespace {

@@ -60,6 +60,7 @@ struct ReportInput {
   Figures figures;
   std::vector<FrameImages> worst;
   std::optional<ReportMap> map;
+  std::string notice{};  // above everything else: why nothing was localized; may be empty
 };
 
 // "data:image/jpeg;base64,…" of a CV_8UC1 or CV_8UC3 image, reduced so that no side exceeds `max_side` pixels.

@@ -9,6 +9,13 @@
 
 namespace nadir {
 
+std::string csv_cell(const std::string& text) {
+  if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
+  std::string quoted = "\"";
+  for (const char c : text) quoted += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return quoted + '"';
+}
+
 EstimatesCsv::EstimatesCsv(const std::filesystem::path& path) : path_(path), file_(path, std::ios::binary) {
   file_ << header() << '\n' << std::flush;
   check();
@@ -36,16 +43,9 @@ std::string EstimatesCsv::row(const Estimate& e) {
       e.position ? fmt::format("{:.8f},{:.8f},{:.3f}", e.position->lat_deg, e.position->lon_deg, e.sigma_m) : ",,";
   const std::string anchor =
       e.anchor_age_s ? fmt::format("{:.3f},{},{:.4f}", *e.anchor_age_s, e.anchor_inliers, e.anchor_ratio) : ",,";
-  const bool quoted = e.frame.find_first_of(",\"\n\r") != std::string::npos;
-  std::string name = e.frame;
-  if (quoted) {
-    name = "\"";
-    for (const char c : e.frame) name += c == '"' ? std::string("\"\"") : std::string(1, c);
-    name += '"';
-  }
   const std::string hpl = e.position && e.hpl_m ? fmt::format("{:.3f}", *e.hpl_m) : "";
-  return fmt::format("{},{:.3f},{},{},{},{},{:.1f},{}", name, e.time_s, place, name_of(e.source), e.segment, anchor,
-                     e.latency_ms, hpl);
+  return fmt::format("{},{:.3f},{},{},{},{},{:.1f},{}", csv_cell(e.frame), e.time_s, place, name_of(e.source),
+                     e.segment, anchor, e.latency_ms, hpl);
 }
 
 namespace {

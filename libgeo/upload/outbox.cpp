@@ -204,17 +204,15 @@ void OutboxDatabase::create_tables() {
   database_->execute("PRAGMA auto_vacuum = INCREMENTAL");
   database_->execute("PRAGMA journal_mode = WAL");
   database_->execute("PRAGMA synchronous = FULL");
-  database_->execute("BEGIN IMMEDIATE");
-  database_->execute(fmt::format("PRAGMA application_id = {}", kApplication));
-  add_versions(kOldestVersion);
-  database_->execute("COMMIT");
+  database_->transaction([this] {
+    database_->execute(fmt::format("PRAGMA application_id = {}", kApplication));
+    add_versions(kOldestVersion);
+  });
 }
 
 // From an older version. Readers of either see what they know.
 void OutboxDatabase::migrate(std::int64_t from) {
-  database_->execute("BEGIN IMMEDIATE");
-  add_versions(from + 1);
-  database_->execute("COMMIT");
+  database_->transaction([&] { add_versions(from + 1); });
 }
 
 void OutboxDatabase::add_versions(std::int64_t first) {
@@ -225,18 +223,10 @@ void OutboxDatabase::add_versions(std::int64_t first) {
 }
 
 void OutboxDatabase::transition(std::string_view name, const std::function<void()>& work) {
-  database_->execute("BEGIN IMMEDIATE");
-  try {
+  database_->transaction([&] {
     work();
     if (hook_) hook_(name, false);
-    database_->execute("COMMIT");
-  } catch (...) {
-    try {
-      database_->execute("ROLLBACK");
-    } catch (const Error&) {  // SQLite has done it already; what went wrong first is what matters
-    }
-    throw;
-  }
+  });
   database_->limit_work(bytes_on_disk(database_->path()));  // it may have grown
   if (hook_) hook_(name, true);
 }

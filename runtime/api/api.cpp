@@ -23,7 +23,8 @@ constexpr std::string_view kTiles = "/v1/tiles/";
 constexpr std::array kReadPaths{std::string_view("/v1/health"),  std::string_view("/v1/state"),
                                 std::string_view("/v1/package"), std::string_view("/v1/metrics"),
                                 std::string_view("/v1/events"),  std::string_view("/"),
-                                std::string_view("/page.css"),   std::string_view("/page.js")};
+                                std::string_view("/page.css"),   std::string_view("/page.js"),
+                                std::string_view("/leaflet.js"), std::string_view("/leaflet.css")};
 constexpr std::array kWritePaths{std::string_view("/v1/hint"), std::string_view("/v1/object-location")};
 
 template <typename List>
@@ -121,7 +122,11 @@ ApiResponse Api::route(const ApiRequest& request, const ServerCounts& server) co
   if (path == "/v1/hint") return take_hint(request);
   if (path == "/v1/object-location") return object_location(request);
   if (path == "/page.css") return page_answer(page::style, "text/css; charset=utf-8");
-  if (path == "/page.js") return page_answer(page::script, "text/javascript; charset=utf-8");
+  if (path == "/page.js")
+    return page_answer(fmt::format("{}{}{}{}", page::dom, map_page::calls, map_page::base_map, page::script),
+                       "text/javascript; charset=utf-8");
+  if (path == "/leaflet.js") return page_answer(map_page::leaflet_script, "text/javascript; charset=utf-8");
+  if (path == "/leaflet.css") return page_answer(map_page::leaflet_style, "text/css; charset=utf-8");
   if (path == "/") return page_answer(page::html, "text/html; charset=utf-8");
   return tile_answer(package()->tiles.get(), path.substr(kTiles.size()));
 }

@@ -5,11 +5,14 @@
 #include <array>
 #include <cmath>
 
+#include "vision/ground_ray.hpp"
+
 namespace nadir {
 namespace {
 
 constexpr double kChi2Of95 = 5.991;  // two degrees of freedom
-constexpr int kSteps = 400;          // of the march along the ray
+// Along the ray. Chosen.
+constexpr GroundMarch kMarch{.share = 0.2, .least_m = 1, .most_m = 50, .range_m = kMaxObjectRange_m, .bisections = 40};
 
 // Everything that is not exactly known, so that the same computation serves the answer and its derivatives.
 struct Errors {
@@ -58,26 +61,7 @@ std::optional<Eigen::Vector3d> ground_point(const Scene& scene, const Errors& er
   const Eigen::Vector3d eye(below.east_m, below.north_m, ground_m + scene.pose.agl_m + errors.agl_m);
   const Eigen::Vector3d ray = ray_in_enu(scene, errors);
   if (!ray.allFinite()) return std::nullopt;  // a lens that shows nothing at this pixel
-  const auto clearance_m = [&](double range_m) {
-    const Eigen::Vector3d point = eye + range_m * ray;
-    return point.z() - scene.surface.height_m({point.x(), point.y()});
-  };
-  // Steps grow with the distance: fine where a little range is a lot of angle.
-  double above_m = 0;
-  for (int step = 1; step <= kSteps; ++step) {
-    const double share = static_cast<double>(step) / kSteps;
-    double below_m = kMaxObjectRange_m * share * share;
-    if (clearance_m(below_m) > 0) {
-      above_m = below_m;
-      continue;
-    }
-    for (int halving = 0; halving < 60; ++halving) {
-      const double middle_m = 0.5 * (above_m + below_m);
-      (clearance_m(middle_m) > 0 ? above_m : below_m) = middle_m;
-    }
-    return eye + 0.5 * (above_m + below_m) * ray;
-  }
-  return std::nullopt;
+  return first_ground_point(eye, ray, scene.surface, kMarch);
 }
 
 // What an error of one sigma does to the place on the ground: half the difference of both signs.

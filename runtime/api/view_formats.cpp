@@ -302,7 +302,7 @@ std::string metrics_text(const FlightView& view, double age_s, const ServerCount
   text.counter("anchors_accepted_total", "Accepted anchors.", view.anchors.accepted);
   text.counter("anchors_rejected_total", "Rejected anchors.", view.anchors.rejected);
   text.counter("anchors_failed_total", "Map matches that ended with an exception.", view.anchors.failed);
-  text.counters("anchors_rejected_by_total", "Rejected anchors by gate.", view.anchors.rejected_by);
+  text.counters("anchors_rejected_by_total", "Rejected anchors by verdict.", view.anchors.rejected_by);
   text.gauge("link_connected", "Whether the autopilot is connected.", view.link.connected ? 1.0 : 0.0);
   text.gauge("link_signed", "Whether its frames are signed.", view.link.signed_frames ? 1.0 : 0.0);
   text.counter("fixes_sent_total", "Positions sent to the autopilot.", view.link.fixes_sent);

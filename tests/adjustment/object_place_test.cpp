@@ -225,6 +225,21 @@ TEST(ObjectPlace, TwoClicksInOneFrameShareItsError) {
   EXPECT_NEAR(object.covariance_m2(0, 0), 9 + 0.02, 0.02);  // the pixels average, the position does not
 }
 
+// A camera that looks above the horizon sees the slope of a mountain.
+TEST(ObjectPlace, ARayThatRisesMeetsAMountain) {
+  class Mountain final : public GroundSurface {  // from 500 m north on it rises by half
+   public:
+    double height_m(PlanePoint point) const override { return 0.5 * std::max(0.0, point.north_m - 500); }
+    double relief_sigma_m() const override { return 1; }
+  };
+  const double up = radians(2);
+  const std::vector<SightedFrame> frames{sighted({0, 0}, 100, {0, kPi / 2 + up, 0}, pose_noise(1, 1e-3))};
+  const std::vector<ObjectSighting> centre{{0, {599.5, 449.5}}};
+  const LocatedObject object = located(place_object(object_camera(), Mountain(), frames, centre, 1));
+  EXPECT_NEAR(object.place.north_m, 350 / (0.5 - std::tan(up)), 0.5);
+  EXPECT_NEAR(object.place.east_m, 0, 0.5);
+}
+
 TEST(ObjectPlace, SaysWhyThereIsNoPlace) {
   const FlatGround ground;
   const CameraModel camera = object_camera();

@@ -1,7 +1,9 @@
 """A headless chromium over its debugging pipe: no port, no web socket, no package beyond the standard library."""
 import base64
+import importlib.util
 import json
 import os
+import pathlib
 import shutil
 import subprocess
 import tempfile
@@ -12,6 +14,12 @@ PATIENCE_S = 90  # a loaded machine starts a browser slowly; every wait ends as 
 
 def find_chromium():
     return next((path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None)
+
+
+def find_axe():
+    """The text of axe-core, or None: this Python has no axe-playwright-python (nothing else of it is used)."""
+    package = importlib.util.find_spec("axe_playwright_python")
+    return (pathlib.Path(package.origin).parent / "axe.min.js").read_text() if package else None
 
 
 class Browser:
@@ -85,6 +93,14 @@ class Browser:
             time.sleep(0.1)
         text = self.evaluate("document.body.innerText")
         raise TimeoutError(f"never true: {expression}\nThe page shows:\n{text}\nIts console: {self.complaints()}")
+
+    def barriers(self, axe):
+        """What axe-core finds in the page that is a serious or critical barrier to some people: rule, element, and why."""
+        self.evaluate(axe + "; undefined")
+        found = self.evaluate("""axe.run(document, { resultTypes: ['violations'] }).then(({ violations }) => violations
+          .filter(({ impact }) => impact === 'serious' || impact === 'critical')
+          .flatMap(({ id, nodes }) => nodes.map((node) => `${id}: ${node.target.join(' ')}: ${node.failureSummary.replaceAll('\\n', ' ')}`)))""")
+        return found
 
     def complaints(self):
         """What the page's console and the browser's log hold against it."""

@@ -10,25 +10,19 @@ import tempfile
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))
-from browser import Browser, find_chromium  # noqa: E402
+from browser import Browser, find_axe, find_chromium  # noqa: E402
 from scripted_service import ScriptedService  # noqa: E402
 
 SERVER = sys.argv[1]
 SCREENSHOTS = pathlib.Path(sys.argv[2]) if len(sys.argv) > 2 else None
 TEXT = "document.getElementById('{}').textContent"
 IS = TEXT + " === '{}'"
-# Colours at a grid of points of the map's canvas: a map is many, an empty canvas is one.
-COLOURS = """(() => {
-  const canvas = document.getElementById('canvas'), pixels = canvas.getContext('2d');
-  const seen = new Set();
-  for (let i = 1; i < 40; ++i) for (let j = 1; j < 40; ++j)
-    seen.add([...pixels.getImageData(canvas.width * i / 40, canvas.height * j / 40, 1, 1).data].join());
-  return seen.size;
-})()"""
+# The map's tiles are there, and the aircraft on them.
+MAP = "document.querySelectorAll('#map-view img.leaflet-tile-loaded[src]').length > 3 && document.querySelector('#map-view .aircraft path[fill]') !== null"
 
 
 class Page(unittest.TestCase):
-    sizes = {"phone": (390, 844, True), "laptop": (1280, 800, False)}
+    sizes = {"phone": (390, 844, True), "laptop": (1366, 768, False), "desk": (1920, 1080, False)}
 
     def serve(self, *options):
         service = ScriptedService(SERVER, *options)
@@ -60,7 +54,7 @@ class Page(unittest.TestCase):
         self.assertIn("spoofed", browser.evaluate(TEXT.format("gps")))
         self.assertIn("valley", browser.evaluate(TEXT.format("package")))
         self.assertIn("GPS judged spoofed", browser.evaluate(TEXT.format("events")))
-        browser.wait_for(COLOURS + " > 100")
+        browser.wait_for(MAP)
         before = browser.evaluate(TEXT.format("coordinates"))
         browser.wait_for(TEXT.format("coordinates") + f" !== '{before}'")  # it moves without anybody's doing
         self.keep(browser, "normal")
@@ -141,11 +135,42 @@ class Page(unittest.TestCase):
             with self.subTest(size):
                 browser = self.browse(service.url, size)
                 browser.wait_for(IS.format("state", "normal"))
-                browser.wait_for(COLOURS + " > 100")
+                browser.wait_for(MAP)
                 self.assertEqual(width, browser.evaluate("document.documentElement.scrollWidth"), "it scrolls sideways")
                 cut = browser.evaluate("[...document.querySelectorAll('main *')].filter((e) => e.scrollWidth > e.clientWidth + 1 && e.clientWidth > 0).map((e) => e.id || e.tagName)")
                 self.assertEqual([], cut, "text that does not fit")
                 self.keep(browser, size)
+
+    def test_follows_the_aircraft_until_somebody_moves_the_map(self):
+        service = self.serve()
+        browser = self.browse(service.url)
+        browser.wait_for(MAP)
+        middle = """(() => {
+          const map = document.getElementById('map-view').getBoundingClientRect(), aircraft = document.querySelector('.aircraft').getBoundingClientRect();
+          return Math.hypot(aircraft.x + aircraft.width / 2 - map.x - map.width / 2, aircraft.y + aircraft.height / 2 - map.y - map.height / 2);
+        })()"""
+        self.assertLess(browser.evaluate(middle), 3)
+        browser.evaluate("document.getElementById('map-view').dispatchEvent(new KeyboardEvent('keydown', { key: 'ArrowLeft', bubbles: true }))")
+        self.assertEqual("false", browser.evaluate("document.getElementById('follow').getAttribute('aria-pressed')"))
+        browser.evaluate("document.getElementById('follow').click()")
+        self.assertLess(browser.evaluate(middle), 3)
+
+    def test_has_no_serious_barriers(self):
+        axe = find_axe()
+        if axe is None:
+            self.skipTest("this Python has no axe-playwright-python; see .ci/python-requirements.txt")
+        service = self.serve()
+        for size in self.sizes:
+            browser = self.browse(service.url, size)
+            browser.wait_for(MAP)
+            with self.subTest(size):
+                self.assertEqual([], browser.barriers(axe))
+        for state in ("degraded", "no_fix"):
+            service.command(state)
+            browser.wait_for(IS.format("state", state.replace("_", " ")))
+            with self.subTest(state):
+                self.assertEqual([], browser.barriers(axe))
+        self.assertEqual([], browser.complaints())
 
     def test_asks_for_the_token(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -160,7 +185,7 @@ class Page(unittest.TestCase):
             browser.wait_for("document.getElementById('ask').open")
             browser.evaluate("document.getElementById('token').value = 'a-secret-of-the-crew', document.getElementById('give').click()")
             browser.wait_for(IS.format("state", "normal"))
-            browser.wait_for(COLOURS + " > 100")
+            browser.wait_for(MAP)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cmath>
+#include <limits>
 
 #include "base/random.hpp"
 #include "replay/flight_folder.hpp"
@@ -125,6 +126,7 @@ DriftFigures drift(const RecordedFlight& recorded, const OdometryFactory& odomet
   const LocalFrame frame(start);
   LocalizerConfig config;
   config.odometry = timed(odometry, figures.step_ms);
+  config.no_fix_sigma_m = std::numeric_limits<double>::max();  // a segment's shape counts, wherever it lies
   Localizer localizer(recorded.camera, frame, nullptr, start, config);
   std::vector<Track> segments;
   for (std::size_t i = 0; i < recorded.pictures.size(); ++i) {
@@ -142,7 +144,7 @@ DriftFigures drift(const RecordedFlight& recorded, const OdometryFactory& odomet
     error_m += std::sqrt(rigid_squares(track) / static_cast<double>(track.estimated.size()));
     path_m += length_m(track.truth);
   }
-  figures.drift_share = path_m > 0 ? error_m / path_m : 0;
+  if (path_m > 0) figures.drift_share = error_m / path_m;
   return figures;
 }
 

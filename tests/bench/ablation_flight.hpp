@@ -53,8 +53,9 @@ SearchFigures search(const RecordedFlight& recorded, const FlownMap& map, const 
 
 struct DriftFigures {
   std::size_t frames = 0, tracked = 0;
-  double drift_share =
-      0;  // RMS of a segment after turning and shifting it onto the truth, over its length; all segments
+  // RMS of a segment after turning and shifting it onto the truth, over its length; of all segments of five frames and
+  // more, nothing when there is none.
+  std::optional<double> drift_share;
   std::vector<double> step_ms;
 };
 

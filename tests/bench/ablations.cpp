@@ -32,8 +32,11 @@ double mean(const std::vector<double>& values) {
 }
 
 void print_flight(const std::string& name, const MatchingFigures& f) {
-  fmt::print("| {} | {:.0f} | {} | {:.1f} | {:.1f} | {:.1f} | {:.0f} |\n", name, percent(f.anchored, f.frames), f.wrong,
-             quantile(f.error_m, 0.5), mean(f.error_m), quantile(f.error_m, 0.95), mean(f.attempt_ms));
+  const std::string errors = f.error_m.empty() ? "| |"
+                                               : fmt::format("{:.1f} | {:.1f} | {:.1f}", quantile(f.error_m, 0.5),
+                                                             mean(f.error_m), quantile(f.error_m, 0.95));
+  fmt::print("| {} | {:.0f} | {} | {} | {:.0f} |\n", name, percent(f.anchored, f.frames), f.wrong, errors,
+             mean(f.attempt_ms));
   std::fflush(stdout);
 }
 
@@ -77,7 +80,8 @@ void print_drifts(const RecordedFlight& recorded) {
   for (const auto& [name, make] : {std::pair{"features", OdometryFactory(make_feature_odometry)},
                                    std::pair{"flow", OdometryFactory(make_flow_odometry)}}) {
     const DriftFigures f = drift(recorded, make);
-    fmt::print("| {} | {:.0f} | {:.2f} | {:.0f} |\n", name, percent(f.tracked, f.frames - 1), 100 * f.drift_share,
+    fmt::print("| {} | {:.0f} | {} | {:.0f} |\n", name, percent(f.tracked, f.frames - 1),
+               f.drift_share ? fmt::format("{:.2f}", 100 * *f.drift_share) : "no segment of five frames",
                mean(f.step_ms));
   }
 }

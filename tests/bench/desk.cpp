@@ -1,5 +1,6 @@
-// Stored flights: how long it takes to create one, to store a batch of full-HD pictures, to process a frame, and to
-// restore the frames that were processed. The bars are those of an analyst's desk on two cores.
+// Stored flights: how long it takes to create one, to store a batch of full-HD pictures, to process a frame, to restore
+// the frames that were processed, and to place an object that frames show. The bars are those of an analyst's desk on
+// two cores.
 //
 // Usage: bench_desk FOLDER (to be created; removed at the end)
 #include <fmt/format.h>
@@ -10,6 +11,7 @@
 #include <filesystem>
 #include <vector>
 
+#include "adjustment/object_place.hpp"
 #include "base/random.hpp"
 #include "estimation/localizer_fixture.hpp"
 #include "flights/flight_engine.hpp"
@@ -152,6 +154,34 @@ void processing(const std::filesystem::path& folder) {
   print("database, of each frame", database / 1000 / frames, "kB", "");
 }
 
+// The same point of the ground, clicked in one frame and in three. Place and error ellipse.
+void objects() {
+  constexpr int kRepeats = 200;
+  const CameraModel camera = flight_camera().camera;
+  const FlatGround ground;
+  PoseCovariance covariance = PoseCovariance::Identity() * 1e-4;
+  covariance.topLeftCorner<3, 3>() = 4 * Eigen::Matrix3d::Identity();
+  std::vector<SightedFrame> frames;
+  std::vector<ObjectSighting> clicks;
+  for (std::size_t i = 0; i < 3; ++i) {
+    frames.push_back({{{-20 + 20.0 * static_cast<double>(i), 0}, 100, {radians(90), 0, 0}}, covariance});
+    const Eigen::Vector3d point = camera_from_ground(frames.back().pose, {10, 15});
+    clicks.push_back({i, camera.pixel_from_point(point)});
+  }
+  for (const std::size_t count : {std::size_t{1}, clicks.size()}) {
+    const auto started = std::chrono::steady_clock::now();
+    std::size_t placed = 0;
+    for (int i = 0; i < kRepeats; ++i) {
+      const auto found = place_object(camera, ground, frames, {clicks.data(), count}, 1);
+      placed += std::holds_alternative<LocatedObject>(found) ? 1U : 0U;
+    }
+    if (placed != kRepeats) throw std::runtime_error("an object has no place");
+    const std::string what =
+        fmt::format("place of an object, clicked in {}", count == 1 ? "one frame" : "three frames");
+    print(what.c_str(), 1000 * elapsed_s(started) / kRepeats, "ms", "≤ 50 ms");
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -163,6 +193,7 @@ int main(int argc, char** argv) {
   std::filesystem::create_directory(folder);
   intake(folder / "intake");
   processing(folder / "processing");
+  objects();
   std::filesystem::remove_all(folder);
   return 0;
 }

@@ -277,13 +277,114 @@ TEST_F(DeskApiTest, AFixIsCarriedToThePresent) {
   const auto fix =
       json(call(post(flight + "/fixes", R"({"lat": 48.1, "lon": 11.2, "radius_m": 30, "frame": 1, "by": "me"})")));
   EXPECT_EQ(fix["before_frame"], 5);
+  EXPECT_EQ(fix["frame"], 1);
   EXPECT_EQ(fix["by"], "me");
-  const double moved = fix["lat"].get<double>() - 48.1;
+  EXPECT_EQ(fix["lat"], 48.1) << "as it was said";
+  const double moved = fix["hint"]["lat"].get<double>() - 48.1;
   const double flown = estimates[4]["position"]["lat"].get<double>() - estimates[1]["position"]["lat"].get<double>();
   EXPECT_NEAR(moved, flown, 2e-8);
-  EXPECT_GT(fix["radius_m"], 30);
-  EXPECT_LT(fix["radius_m"], 40);
+  EXPECT_GT(fix["hint"]["radius_m"], 30);
+  EXPECT_LT(fix["hint"]["radius_m"], 40);
   EXPECT_EQ(read(flight + "/fixes")["fixes"].size(), 1U);
+}
+
+// Who says that a pixel shows the very place that it does says where the aircraft was.
+TEST_F(DeskApiTest, APixelFixSaysWhereTheAircraftWas) {
+  const std::string flight = create();
+  send(flight, test::flight_pictures(test::Course::smooth));
+  settled(flight);
+  const auto print = read(flight + "/pictures/4/footprint");
+  ASSERT_EQ(print["corners"].size(), 4U) << print;
+  const auto& corner = print["corners"][0];
+  const LonLat aircraft{print["position"]["lon"], print["position"]["lat"]};
+  const LonLat seen = LocalFrame(aircraft).lonlat_from_plane({corner[0], corner[1]});
+  const nlohmann::json said{
+      {"lat", seen.lat_deg}, {"lon", seen.lon_deg}, {"frame", 4}, {"pixel", {{"x", -0.5}, {"y", -0.5}}}};
+  const ApiResponse response = call(post(flight + "/fixes", said.dump()));
+  ASSERT_EQ(response.status, 201) << response.body;
+  const auto fix = json(response);
+  EXPECT_EQ(fix["sigma_m"], 5);
+  EXPECT_EQ(fix["pixel"]["x"], -0.5);
+  const PlanePoint off = LocalFrame(aircraft).plane_from_lonlat({fix["hint"]["lon"], fix["hint"]["lat"]});
+  EXPECT_LT(std::hypot(off.east_m, off.north_m), 0.01);
+  EXPECT_GT(fix["hint"]["radius_m"], 10) << "2 sigma, and what heading and tilt add";
+
+  auto wrong = said;
+  wrong["pixel"]["x"] = 1e5;
+  expect_problem(call(post(flight + "/fixes", wrong.dump())), 422, "refused");
+  wrong = said;
+  wrong.erase("frame");
+  expect_problem(call(post(flight + "/fixes", wrong.dump())), 400, "invalid");
+  wrong = said;
+  wrong["radius_m"] = 5;
+  expect_problem(call(post(flight + "/fixes", wrong.dump())), 400, "invalid");
+  wrong = said;
+  wrong["frame"] = 5;
+  expect_problem(call(post(flight + "/fixes", wrong.dump())), 422, "refused");
+  expect_problem(call(get(flight + "/pictures/5/footprint")), 404, "frame");
+}
+
+TEST_F(DeskApiTest, AFixCanBeWithdrawn) {
+  const std::string flight = create();
+  call(post(flight + "/fixes", R"({"lat": 48, "lon": 11, "radius_m": 50})"));
+  const ApiResponse withdrawn = call(request("DELETE", flight + "/fixes/1"));
+  ASSERT_EQ(withdrawn.status, 200) << withdrawn.body;
+  EXPECT_FALSE(json(withdrawn)["withdrawn"].is_null());
+  EXPECT_EQ(json(call(request("DELETE", flight + "/fixes/1"))), json(withdrawn)) << "once more changes nothing";
+  expect_problem(call(request("DELETE", flight + "/fixes/2")), 404, "fix");
+  expect_problem(call(get(flight + "/fixes/1")), 405, "method");
+  EXPECT_EQ(read(flight + "/fixes")["fixes"].size(), 1U) << "it stays in the record";
+}
+
+// The middle of two pictures of a flight over flat ground: two objects; one that is at both places contradicts itself.
+TEST_F(DeskApiTest, MarkedObjectsHavePlaces) {
+  const std::string flight = create();
+  send(flight, test::flight_pictures(test::Course::smooth));
+  settled(flight);
+  const auto print = read(flight + "/pictures/2/footprint");
+  const double x = (print["picture"]["width"].get<double>() - 1) / 2,
+               y = (print["picture"]["height"].get<double>() - 1) / 2;
+  const auto mark = [&](const std::string& path, nlohmann::json body, int frame) {
+    body["frame"] = frame;
+    body["pixel"] = {{"x", x}, {"y", y}};
+    const ApiResponse response = call(post(flight + path, body.dump()));
+    EXPECT_EQ(response.status, 201) << response.body;
+    return json(response);
+  };
+  const auto object = mark("/objects", {{"name", "=cross \"north\""}, {"by", "me"}}, 2);
+  EXPECT_EQ(object["id"], 1);
+  ASSERT_FALSE(object["place"].is_null()) << object;
+  const LonLat aircraft{print["position"]["lon"], print["position"]["lat"]};
+  const PlanePoint off = LocalFrame(aircraft).plane_from_lonlat({object["place"]["lon"], object["place"]["lat"]});
+  EXPECT_LT(std::hypot(off.east_m, off.north_m), 25) << "near nadir";
+  EXPECT_GT(object["place"]["ellipse_95"]["major_m"], 1);
+  EXPECT_TRUE(object["place"]["agrees"]);
+
+  const auto contradicted = mark("/objects/1/sightings", {}, 0);
+  ASSERT_EQ(contradicted["sightings"].size(), 2U);
+  EXPECT_GT(contradicted["sightings"][1]["residual_px"], 1);
+  const std::string second = std::to_string(contradicted["sightings"][1]["id"].get<int>());
+  EXPECT_EQ(json(call(request("DELETE", flight + "/objects/1/sightings/" + second)))["sightings"].size(), 1U);
+  expect_problem(call(request("DELETE", flight + "/objects/1/sightings/1")), 422, "refused");
+  expect_problem(call(request("DELETE", flight + "/objects/1/sightings/9")), 404, "sighting");
+
+  const ApiResponse renamed = call(request("PATCH", flight + "/objects/1", R"({"name": "+cross"})"));
+  EXPECT_EQ(json(renamed)["name"], "+cross") << renamed.body;
+  EXPECT_EQ(read(flight + "/objects")["objects"].size(), 1U);
+  EXPECT_EQ(read(flight + "/objects/1")["name"], "+cross");
+  const ApiResponse csv = call(get(flight + "/objects?format=csv"));
+  EXPECT_THAT(csv.body, HasSubstr("\n1,\"'+cross\",48."));
+  EXPECT_THAT(header(csv, "Content-Disposition"), HasSubstr("-objects.csv\""));
+  EXPECT_EQ(json(call(get(flight + "/objects?format=geojson")))["features"][0]["geometry"]["type"], "Point");
+  expect_problem(call(get(flight + "/objects?format=exe")), 400, "query");
+
+  expect_problem(call(post(flight + "/objects", R"({"frame": 2})")), 400, "invalid");
+  expect_problem(call(post(flight + "/objects", R"({"frame": 2, "pixel": {"x": 1, "y": 9999}})")), 422, "refused");
+  expect_problem(call(post(flight + "/objects", R"({"frame": 9, "pixel": {"x": 1, "y": 1}})")), 422, "refused");
+  expect_problem(call(post(flight + "/objects/7/sightings", R"({"frame": 2, "pixel": {"x": 1, "y": 1}})")), 404,
+                 "object");
+  EXPECT_EQ(call(request("DELETE", flight + "/objects/1")).status, 200);
+  expect_problem(call(get(flight + "/objects/1")), 404, "object");
 }
 
 TEST_F(DeskApiTest, ExportsTheTrack) {
@@ -309,7 +410,7 @@ TEST_F(DeskApiTest, KeepsSpaceFree) {
   EXPECT_EQ(read(flight)["pictures"]["accepted"], 0);
 }
 
-// Bodies of all requests together have a limit: those that wait are told to come again.
+// Bodies of all requests together have a limit: those that wait are asked to retry.
 TEST_F(DeskApiTest, BodiesTogetherAreBounded) {
   api_options.body_bytes = 1000, api_options.bodies_bytes = 1500;
   open();

@@ -85,6 +85,13 @@ ApiRequest DeskFixture::post(std::string target, std::string body, std::string t
   return request;
 }
 
+ApiRequest DeskFixture::request(std::string method, std::string target, std::string body) const {
+  const bool plain = body.empty();
+  ApiRequest request = plain ? get(std::move(target)) : post(std::move(target), std::move(body));
+  request.method = std::move(method);
+  return request;
+}
+
 nlohmann::json DeskFixture::read(const std::string& target) const {
   const ApiResponse response = call(get(target));
   EXPECT_EQ(response.status, 200) << target << ": " << response.body;

@@ -36,6 +36,7 @@ class DeskFixture : public ::testing::Test {
   void close();
 
   ApiRequest get(std::string target) const;
+  ApiRequest request(std::string method, std::string target, std::string body = {}) const;  // body: JSON
   ApiRequest post(std::string target, std::string body, std::string type = "application/json") const;
   ApiResponse call(const ApiRequest& request) const { return api->handle(request); }
   nlohmann::json json(const ApiResponse& response) const { return nlohmann::json::parse(response.body); }

@@ -46,6 +46,19 @@ TEST_F(DeskServiceTest, GoesOnAfterARestart) {
   EXPECT_EQ(read("/v1/flights")["flights"][0]["state"], "completed") << "without opening it";
 }
 
+// Pictures of another place than the package's: a person learns why, also after a restart.
+TEST_F(DeskServiceTest, SaysWhyPicturesMatchNowhere) {
+  add_package("noise");
+  open();
+  const std::string flight = create({{"package", "noise"}});
+  EXPECT_TRUE(read(flight)["diagnosis"].is_null());
+  send(flight, test::flight_pictures(test::Course::smooth));
+  EXPECT_THAT(settled(flight)["diagnosis"].get<std::string>(), HasSubstr("match nowhere in this package"));
+  close();
+  open();
+  EXPECT_THAT(read(flight)["diagnosis"].get<std::string>(), HasSubstr("match nowhere in this package"));
+}
+
 TEST_F(DeskServiceTest, OneDeskUsesAFolder) {
   open();
   EXPECT_THROW(DeskService second(options), UsageError);
@@ -122,7 +135,8 @@ TEST_F(DeskServiceTest, ServesTheMapAndFliesOverIt) {
   EXPECT_EQ(tile.status, 200);
   EXPECT_EQ(tile.content_type, "image/jpeg");
   EXPECT_EQ(as_bytes(tile.body).size(), package->tiles->read(key)->size());
-  for (const char* none : {"valley/tiles/3/0/0", "hill/tiles/3/0/0", "..%2fvalley/tiles/3/0/0", "valley/tiles/x/0/0"}) {
+  EXPECT_EQ(call(get("/v1/packages/valley/tiles/3/0/0")).status, 204) << "beyond the edge of the map";
+  for (const char* none : {"hill/tiles/3/0/0", "..%2fvalley/tiles/3/0/0", "valley/tiles/x/0/0"}) {
     EXPECT_EQ(call(get(std::string("/v1/packages/") + none)).status, 404) << none;
   }
   // Its map is noise: no look is accepted, and the flight says what it looked at.

@@ -98,10 +98,13 @@ class Desk:
     def frames(self):
         return sorted((self.made / "flight" / "frames").iterdir())
 
-    def send(self, flight, pictures):
+    def telemetry(self):
+        return (self.made / "flight" / "telemetry.csv").read_text()
+
+    def send(self, flight, pictures, telemetry=None):
         """The answers, by name."""
         boundary = uuid.uuid4().hex
-        parts = [("telemetry\"; filename=\"telemetry.csv", "text/csv", (self.made / "flight" / "telemetry.csv").read_bytes())]
+        parts = [("telemetry\"; filename=\"telemetry.csv", "text/csv", (telemetry or self.telemetry()).encode())]
         parts += [(f"picture\"; filename=\"{path.name}", "image/jpeg", path.read_bytes()) for path in pictures]
         body = b"".join(f"--{boundary}\r\nContent-Disposition: form-data; name=\"{name}\"\r\nContent-Type: {kind}\r\n\r\n".encode() + data + b"\r\n"
                         for name, kind, data in parts) + f"--{boundary}--\r\n".encode()

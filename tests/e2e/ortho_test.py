@@ -2,6 +2,7 @@
 """nadir ortho as a user calls it: a flight over a small world becomes signed tiles, reproducibly; or it states why not."""
 import hashlib
 import json
+import re
 import shutil
 import sqlite3
 import subprocess
@@ -105,6 +106,18 @@ class Ortho(EndToEnd):
         self.fails(2, *self.ask(f / "out", estimates=f / "changed.json"), mentions=["changed.json"], leaves_nothing=f / "out")
         self.fails(2, *self.ask(f / "out", estimates=f / "none.json"), mentions=["none.json"], leaves_nothing=f / "out")
         self.fails(2, *self.ask(f / "out", estimates=poses, odometry="flow"), mentions=["--odometry"], leaves_nothing=f / "out")
+
+    def test_frames_smaller_than_tiles_are_told_a_finer_zoom(self):
+        f = self.folder
+        coarse = self.good(*self.ask(f / "coarse", zoom=15), "--json")
+        summary = json.loads(coarse.stdout)
+        self.assertEqual(summary["frames_used"], summary["frames_without_whole_tile"])
+        self.assertIn("cover no whole tile", summary["advice"])
+        self.assertIn("note: " + summary["advice"], coarse.stderr)
+        zoom = re.search(r"try --zoom (\d+)", summary["advice"]).group(1)
+        finer = json.loads(self.good(*self.ask(f / "finer", zoom=zoom), "--json").stdout)
+        self.assertGreater(finer["tiles"], summary["tiles"])
+        self.assertNotIn("advice", finer)
 
     def test_it_explains_why_there_are_no_tiles(self):
         f = self.folder

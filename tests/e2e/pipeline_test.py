@@ -28,8 +28,10 @@ class Pipeline(EndToEnd):
 
         flight = self.flight()
         out = self.folder / "out"
-        result = self.good(*self.replay_args(flight, out), "--package", package, "--trust", self.folder / "root.json", "--at", AT)
-        self.assertEqual("", result.stderr)
+        result = self.matches_nowhere(*self.replay_args(flight, out), "--package", package, "--trust", self.folder / "root.json", "--at", AT)
+        diagnosis = json.loads((out / "summary.json").read_text())["diagnosis"]
+        self.assertEqual("nowhere", diagnosis["cause"])
+        self.assertIn("warning: " + diagnosis["text"], result.stderr)
         self.assertIn("report.html", result.stdout)
         self.assertEqual({"estimates.csv", "refined.csv", "summary.json", "track.geojson", "report.html", "poses.json"},
                          {p.name for p in out.iterdir()})
@@ -65,7 +67,7 @@ class Pipeline(EndToEnd):
         levels, integrity = {}, {}
         for name, more in (("default", []), ("lenient", ["--integrity-risk", "0.01"]),
                            ("near", ["--integrity-risk", "0.01", "--alert-limit-m", "1"])):
-            self.good(*self.replay_args(flight, self.folder / name), *mapped, *more)
+            self.matches_nowhere(*self.replay_args(flight, self.folder / name), *mapped, *more)
             rows = list(csv.DictReader((self.folder / name / "estimates.csv").read_text().splitlines()))
             levels[name] = [row["hpl_m"] for row in rows if row["lat_deg"]]
             integrity[name] = json.loads((self.folder / name / "summary.json").read_text())["integrity"]
@@ -87,8 +89,8 @@ class Pipeline(EndToEnd):
         flight = self.flight()
         found = {}
         for name, more in (("mission", []), ("line", ["--integrity-risk", "1e-5", "--alert-limit-m", "20"])):
-            self.good(*self.replay_args(flight, self.folder / name), "--package", package, "--trust", self.folder / "root.json",
-                      "--at", AT, *more)
+            self.matches_nowhere(*self.replay_args(flight, self.folder / name), "--package", package, "--trust", self.folder / "root.json",
+                                 "--at", AT, *more)
             rows = list(csv.DictReader((self.folder / name / "estimates.csv").read_text().splitlines()))
             integrity = json.loads((self.folder / name / "summary.json").read_text())["integrity"]
             found[name] = (integrity["alert_limit_m"], [row["hpl_m"] != "" for row in rows if row["lat_deg"]])
@@ -104,7 +106,7 @@ class Pipeline(EndToEnd):
         truth = self.folder / "truth.csv"
         truth.write_text("frame,lat_deg,lon_deg\n" + "".join(f"{i}.jpg,47.4003,8.4992\n" for i in range(3)))
         for name, more in (("truth", ["--truth", truth]), ("blind", [])):
-            self.good(*self.replay_args(flight, self.folder / name), *mapped, "--integrity-risk", "0.01", *more)
+            self.matches_nowhere(*self.replay_args(flight, self.folder / name), *mapped, "--integrity-risk", "0.01", *more)
             rows = csv.DictReader((self.folder / name / "estimates.csv").read_text().splitlines())
             levels = [row["hpl_m"] for row in rows if row["hpl_m"]]
             self.assertGreater(len(levels), 0)
@@ -126,7 +128,7 @@ class Pipeline(EndToEnd):
         self.keys()
         package = self.build()
         args = [a for a in self.replay_args(self.flight(), self.folder / "out") if a not in ("--start", "8.499,47.4")]
-        self.good(*args, "--package", package, "--trust", self.folder / "root.json", "--at", AT)
+        self.matches_nowhere(*args, "--package", package, "--trust", self.folder / "root.json", "--at", AT)
         rows = list(csv.DictReader((self.folder / "out" / "estimates.csv").read_text().splitlines()))
         self.assertEqual(3, len(rows))
         for row in rows:  # noise frames, which match nowhere

@@ -14,8 +14,9 @@ class Recorder(EndToEnd):
         self.flown = self.flight()
         self.frames = self.flown / "frames"
 
-    def record(self, name, *more):
-        self.good(*self.replay_args(self.flown, self.folder / f"{name}.out"), "--record", self.folder / name, *more)
+    def record(self, name, *more, code=0):
+        result = run(*self.replay_args(self.flown, self.folder / f"{name}.out"), "--record", self.folder / name, *more)
+        self.assertEqual(code, result.returncode, result.stderr)
         return self.folder / name
 
     def again(self, recording, *more):
@@ -34,7 +35,7 @@ class Recorder(EndToEnd):
     def test_a_recorded_flight_keeps_its_integrity_risk(self):
         self.keys()
         mapped = ["--package", self.build(), "--trust", self.folder / "root.json", "--at", AT]
-        recording = self.record("r", "--integrity-risk", "0.01", *mapped)
+        recording = self.record("r", "--integrity-risk", "0.01", *mapped, code=1)  # the frames match nowhere on that map
         result = self.again(recording, "--frames", self.frames, *mapped, "--integrity-risk", "0.001")
         self.assertEqual(2, result.returncode)
         self.assertIn("--integrity-risk", result.stderr)

@@ -170,6 +170,13 @@ class EndToEnd(unittest.TestCase):
         (folder / "camera.yaml").write_text(CAMERA.format(width=width, height=height))
         return folder
 
+    def matches_nowhere(self, *args):
+        """A replay of frames of noise over a map of noise: complete, and it says that nothing was localized."""
+        result = run(*args)
+        self.assertEqual(1, result.returncode, f"{args}\n{result.stdout}\n{result.stderr}")
+        self.assertIn("no frame was localized on the map", result.stderr)
+        return result
+
     def replay_args(self, flight, out):
         return ["replay", "--frames", flight / "frames", "--telemetry", flight / "telemetry.csv", "--camera",
                 flight / "camera.yaml", "--start", "8.499,47.4", "--out", out]

@@ -304,6 +304,27 @@ TEST(FlightEngine, AFixIsAppliedAgainWhenTheFlightIsResumed) {
   EXPECT_EQ(fly(temporary / "one", false), fly(temporary / "other", true));
 }
 
+// One fix is withdrawn after frames were processed with it, another one before: resuming compares every bit.
+TEST(FlightEngine, AFlightWithWithdrawnFixesIsResumed) {
+  const TemporaryFolder temporary;
+  const auto store = FlightStore::create(temporary / "flight", description(Course::eventful), kNow);
+  const auto pictures = flight_pictures(Course::eventful);
+  const auto batch = offers(pictures);
+  const auto processed_anew = [&] {
+    FlightEngine engine(*store, engine_setup(Course::eventful), kOptions);
+    return engine.process();
+  };
+  store->accept(std::span(batch).first(2), kNow);
+  EXPECT_EQ(processed_anew(), 2U);
+  const std::int64_t used = store->add_fix(place_of(flight(3)[2].truth.position), 40, "a person", kNow).id;
+  store->accept(std::span(batch).subspan(2, 1), kNow);
+  EXPECT_EQ(processed_anew(), 1U);
+  store->withdraw_fix(used, kNow);
+  store->withdraw_fix(store->add_fix({.lon_deg = 0, .lat_deg = 0}, 40, "a mistake", kNow).id, kNow);
+  store->accept(std::span(batch).subspan(3), kNow);
+  EXPECT_EQ(processed_anew(), batch.size() - 3) << "it would not resume if a fix were applied otherwise than it was";
+}
+
 TEST(FlightEngine, AMissingPictureBlocksTheFlightAndSaysSo) {
   const TemporaryFolder temporary;
   const auto store = stored_flight(temporary / "flight", Course::smooth);

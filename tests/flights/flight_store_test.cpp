@@ -287,15 +287,23 @@ TEST_F(StoredPictures, OtherDatabasesAreRefused) {
     database.execute(sql);
     database.close();
   };
-  change("PRAGMA user_version = 2");
+  change("PRAGMA user_version = 3");
   try {
     FlightStore::open(folder());
     FAIL() << "a newer version was opened";
   } catch (const UsageError& error) {
-    EXPECT_EQ(error.text().found, "version 2");
+    EXPECT_EQ(error.text().found, "version 3");
     EXPECT_EQ(error.text().fix, "use the nadir that created it");
   }
   change("PRAGMA user_version = 1");
+  try {
+    FlightStore::open(folder());
+    FAIL() << "an older version was opened";
+  } catch (const UsageError& error) {
+    EXPECT_EQ(error.text().found, "version 1");
+    EXPECT_THAT(error.text().fix, testing::HasSubstr("process its pictures again"));
+  }
+  change("PRAGMA user_version = 2");
   FlightStore::open(folder());
   change("CREATE TRIGGER t AFTER INSERT ON event BEGIN DELETE FROM picture; END");
   EXPECT_THROW(FlightStore::open(folder()), UsageError);
@@ -327,6 +335,72 @@ TEST_F(StoredPictures, FixesAreForTheFrameThatFollows) {
   EXPECT_THROW(store->add_fix({181, 0}, 50, "nobody", kNow), UsageError);
   EXPECT_THROW(store->add_fix({0, std::nan("")}, 50, "nobody", kNow), UsageError);
   EXPECT_THROW(store->add_fix(start(), 0, "nobody", kNow), UsageError);
+}
+
+// What was applied stays applied, so that a resumed flight is estimated from the same inputs; from then on it is not.
+TEST_F(StoredPictures, AWithdrawnFixStaysWithTheFramesThatHadIt) {
+  const auto store = create();
+  const std::vector<EncodedPicture> batch{plain_picture(1), plain_picture(2)};
+  store->accept(offers(batch), kNow);
+  const std::int64_t used = store->add_fix(start(), 50, "me", kNow).id;
+  ASSERT_EQ(store->begin_frame()->fixes.size(), 1U);
+  const std::int64_t unused = store->add_fix(start(), 60, "me", kNow).id;
+  const auto withdrawn = store->withdraw_fix(used, kNow);
+  ASSERT_TRUE(withdrawn);
+  EXPECT_EQ(withdrawn->withdrawn->unix_ms, kNow.unix_ms);
+  EXPECT_TRUE(withdrawn->applied());
+  EXPECT_FALSE(store->withdraw_fix(unused, kNow)->applied());
+  EXPECT_FALSE(store->withdraw_fix(77, kNow));
+  const std::int64_t events = store->last_event();
+  EXPECT_EQ(store->withdraw_fix(used, {1})->withdrawn->unix_ms, kNow.unix_ms) << "once";
+  EXPECT_EQ(store->last_event(), events);
+  store->abandon_frame();
+  EXPECT_EQ(store->begin_frame()->fixes.size(), 1U) << "the frame is begun with the same fixes again";
+  EXPECT_EQ(store->fixes_before(0).size(), 1U);
+  EXPECT_TRUE(store->fixes_before(1).empty());
+  EXPECT_EQ(store->fixes().size(), 2U) << "the record keeps both";
+}
+
+TEST_F(StoredPictures, APixelFixKeepsWhatWasSaidAndWhatFollows) {
+  UserFix said;
+  said.place = start(), said.radius_m = 10, said.sigma_m = 5, said.frame = 0, said.pixel = PixelPoint{12.5, 3};
+  said.hint = {{.lon_deg = 11.5, .lat_deg = 48.5}, 40};
+  create()->add_fix(said, kNow);
+  const UserFix kept = FlightStore::open(folder())->fixes().at(0);
+  EXPECT_EQ(kept.frame, 0U);
+  EXPECT_EQ(kept.pixel->x, 12.5);
+  EXPECT_EQ(kept.sigma_m, 5);
+  EXPECT_EQ(kept.hint.place.lat_deg, 48.5);
+  EXPECT_EQ(kept.hint.radius_m, 40);
+  said.pixel->x = std::nan("");
+  EXPECT_THROW(FlightStore::open(folder())->add_fix(said, kNow), UsageError);
+}
+
+TEST_F(StoredPictures, ObjectsHaveSightings) {
+  const auto store = create();
+  const MarkedObject tower = store->add_object("tower\n", {.frame = 3, .pixel = {10, 20}}, "me", kNow);
+  const MarkedObject other = store->add_object("", {.frame = 4, .pixel = {1, 2}}, "me", kNow);
+  EXPECT_EQ(tower.name.find('\n'), std::string::npos);
+  ASSERT_EQ(tower.sightings.size(), 1U);
+  const auto twice = store->add_sighting(tower.id, {.frame = 5, .pixel = {30, 40.5}}, kNow);
+  ASSERT_EQ(twice->sightings.size(), 2U);
+  EXPECT_EQ(twice->sightings[1].frame, 5U);
+  EXPECT_EQ(twice->sightings[1].pixel.y, 40.5);
+  EXPECT_EQ(store->rename_object(tower.id, "mast", kNow)->name, "mast");
+  EXPECT_FALSE(store->remove_sighting(other.id, twice->sightings[1].id, kNow)) << "it is of another object";
+  EXPECT_TRUE(store->remove_sighting(tower.id, twice->sightings[0].id, kNow));
+  EXPECT_THROW(store->remove_sighting(tower.id, twice->sightings[1].id, kNow), UsageError) << "its last one";
+  ASSERT_EQ(store->objects().size(), 2U);
+  EXPECT_EQ(store->objects()[0].sightings.size(), 1U);
+  EXPECT_TRUE(store->remove_object(tower.id, kNow));
+  EXPECT_FALSE(store->remove_object(tower.id, kNow));
+  EXPECT_FALSE(store->object(tower.id));
+  EXPECT_FALSE(store->add_sighting(tower.id, {.frame = 5, .pixel = {}}, kNow));
+  EXPECT_FALSE(store->rename_object(tower.id, "x", kNow));
+  EXPECT_THROW(store->add_object("", {.frame = 3, .pixel = {std::nan(""), 0}}, "me", kNow), UsageError);
+  for (std::size_t i = 1; i < kMaxObjectSightings; ++i) store->add_sighting(other.id, {.frame = 4, .pixel = {}}, kNow);
+  EXPECT_THROW(store->add_sighting(other.id, {.frame = 4, .pixel = {}}, kNow), UsageError);
+  EXPECT_EQ(store->events_after(0, 100).back().event.kind, FlightEventKind::objects_changed);
 }
 
 TEST_F(StoredPictures, PicturesOutsideStayThere) {

@@ -26,7 +26,7 @@ ALLOWED = {
     "ortho": "base geodesy imagery trust vision estimation",
     "recorder": "base geodesy imagery vision estimation",
     "flights": "base geodesy imagery vision estimation recorder",
-    "replay": "base geodesy imagery trust package vision estimation ortho recorder flights fixes cli report",
+    "replay": "base geodesy imagery trust package vision estimation ortho recorder flights fixes cli report map_page",
     # to other machines and to people
     "mavlink": "base geodesy",
     "fixes": "geodesy estimation recorder mavlink",
@@ -37,7 +37,7 @@ ALLOWED = {
     "verify_request": "base package cli",
     "nadird_client": "base http cli",
     "flight_import": "base geodesy imagery vision mavlink replay camera",
-    "desk": "base geodesy imagery package vision estimation flights replay http cli report map_page",
+    "desk": "base geodesy imagery package vision estimation adjustment flight_import flights replay http cli report map_page",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
     "raster": "base geodesy imagery package",

@@ -45,6 +45,7 @@ std::unique_ptr<Command> make_simulate_world();
 std::unique_ptr<Command> make_simulate_flight();
 std::unique_ptr<Command> make_simulate_camera();
 std::unique_ptr<Command> make_flight_import();
+std::unique_ptr<Command> make_flight_geotag();
 std::unique_ptr<Command> make_replay();
 std::unique_ptr<Command> make_ortho();
 std::unique_ptr<Command> make_desk_serve();

@@ -41,6 +41,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
                           make_simulate_flight,
                           make_simulate_camera,
                           make_flight_import,
+                          make_flight_geotag,
                           make_replay,
                           make_ortho,
                           make_desk_serve,

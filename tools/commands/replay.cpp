@@ -20,6 +20,8 @@
 #include "commands/recorder/flight_tables.hpp"
 #include "flights/flight_engine.hpp"
 #include "flights/flight_store.hpp"
+#include "flights/no_fix_diagnosis.hpp"
+#include "geodesy/angles.hpp"
 #include "replay/flight_request.hpp"
 #include "replay/replay_flight.hpp"
 #include "replay/replayed_fixes.hpp"
@@ -115,6 +117,25 @@ nlohmann::json json_from(const Reproduction& result) {
   return document;
 }
 
+nlohmann::json json_from(const NoFixDiagnosis& diagnosis) {
+  nlohmann::json document{{"cause", name_of(diagnosis.cause)},
+                          {"text", diagnosis.text},
+                          {"frames_tried", diagnosis.frames_tried},
+                          {"frames_matched", diagnosis.frames_matched}};
+  if (diagnosis.frames_matched == 0) return document;
+  document["height_factor"] = rounded(diagnosis.height_factor);
+  if (diagnosis.heading_offset_rad)
+    document["heading_offset_deg"] = rounded(degrees(*diagnosis.heading_offset_rad), 10);
+  if (diagnosis.place)
+    document["place"] = {{"lat_deg", diagnosis.place->lat_deg}, {"lon_deg", diagnosis.place->lon_deg}};
+  return document;
+}
+
+// What stands above the report of a flight that the map did not help, and beside the exit code.
+std::string notice_of(const std::optional<NoFixDiagnosis>& diagnosis) {
+  return "no frame was localized on the map" + (diagnosis ? ": " + diagnosis->text : std::string());
+}
+
 void write_refined(const std::filesystem::path& path, const std::vector<Estimate>& refined) {
   EstimatesCsv csv(path);
   for (const Estimate& estimate : refined) csv.write(estimate);
@@ -177,8 +198,11 @@ With --record the replay is recorded as the aircraft records a flight. With --re
 flight is replayed with its recorded inputs and settings, and every estimate is compared; so is every
 fix that was sent to the autopilot, and OUT receives fixes.csv.
 
-Exit codes: 0 replayed, 1 the package was rejected, or an estimate or a fix differs from the recorded
-one, 2 an input is missing or invalid.)";
+When the first frames match nowhere, a few are tried at other heights, headings and places, and what
+they match at is said: heights in feet, a wrong start, the package of another place.
+
+Exit codes: 0 replayed, 1 the package was rejected, no frame was localized on the map, or an estimate
+or a fix differs from the recorded one, 2 an input is missing or invalid.)";
 }
 
 std::string_view ReplayCommand::examples() const {
@@ -235,6 +259,12 @@ int ReplayCommand::run(Context& context) {
   const OpenPackage* package = ready->package.get();
   ReplaySetup& setup = *ready->setup;
   if (integrity_risk_) setup.integrity_risk = integrity_risk_;
+  setup.on_no_match = [&context] {
+    remark(context, "no frame has matched the map so far: trying other heights, headings and places");
+  };
+  setup.on_diagnosis = [&context](const NoFixDiagnosis& diagnosis) {
+    if (!context.quiet) context.err << "warning: " << diagnosis.text << '\n' << std::flush;
+  };
   const double alert_limit_m = alert_limit_m_.value_or(package != nullptr ? package->mission().integrity.alert_limit_m
                                                                           : IntegrityRequirement().alert_limit_m);
   const LocalFrame& frame = setup.frame;
@@ -292,7 +322,9 @@ int ReplayCommand::run(Context& context) {
                         .refined = score(flown.refined, truth, frame),
                         .integrity = integrity_figures(estimates, truth, frame, alert_limit_m),
                         .peak_memory_mb = peak_memory_mb()};
+  const bool nothing_localized = package != nullptr && !recorded && summary.streamed.localized_share == 0;
   nlohmann::json document = json_from(summary);
+  if (flown.diagnosis) document["diagnosis"] = json_from(*flown.diagnosis);
   write_file_atomic(staging.path() / "summary.json", document.dump(2) + "\n");
   write_file_atomic(staging.path() / "track.geojson", track_geojson(estimates, flown.refined, truth));
 
@@ -309,7 +341,8 @@ int ReplayCommand::run(Context& context) {
       .integrity = summary.integrity,
       .figures = figures_from(summary),
       .worst = std::move(flown.worst),
-      .map = std::nullopt};
+      .map = std::nullopt,
+      .notice = nothing_localized ? notice_of(flown.diagnosis) : std::string()};
   const auto box = box_of(estimates, truth, frame);
   if (package != nullptr && box) report.map = report_map(package->imagery(), frame, *box);
   write_file_atomic(staging.path() / "report.html", report_html(report));
@@ -330,6 +363,10 @@ int ReplayCommand::run(Context& context) {
   // Tiles that failed their digest in flight were treated as missing; whoever flies this package must know.
   if (package != nullptr && !package->imagery().findings().empty()) {
     print_findings(context.err, package->imagery().findings());
+    return kRefused;
+  }
+  if (nothing_localized) {
+    context.err << notice_of(flown.diagnosis) << '\n';
     return kRefused;
   }
   const bool other_estimates = reproduction && reproduction->same != reproduction->compared;

@@ -4,10 +4,13 @@ const contactLimit = 6;   // s without a sign from the desk
 const eventsBefore = 300;  // that are read again when a flight is opened: its log, and whether it needs help
 const pageOfEstimates = 5000;
 
-let shown = null;  // the open flight: id, head, estimates by kind, verdicts
+const kinds = ["online", "refined", "adjusted"];
+
+let shown = null;  // the open flight: id, head, online estimates, tracks by kind, verdicts
 let lastContactAt = performance.now();
 
-const map = makeFlightMap(byId("map"), { onFrame: (frame) => selectFrame(frame), onPlace: (lat, lon) => choosePlace(lat, lon) });
+const map = makeFlightMap(byId("map"), { onFrame: (frame) => selectFrame(frame), onPlace: (lat, lon) => fixTools.onPlace(lat, lon),
+                                         onObject: (id) => byId("objects").querySelector(`[data-sighting="${id}"]`)?.focus() });
 
 const showContact = () => {
   const silence = (performance.now() - lastContactAt) / 1000, lost = silence > contactLimit;
@@ -45,14 +48,20 @@ const estimatesOf = async (id, kind) => {
   }
 };
 
-const drawnEstimates = () => shown.kind === "refined" && shown.refined ? shown.refined : shown.online;
+// What a kind does not have yet is drawn as it came.
+const drawnEstimates = () => {
+  const better = shown.tracks[shown.kind];
+  return better && shown.kind !== "online" ? shown.online.map((estimate, i) => better[i] ?? estimate) : shown.online;
+};
+const bestKind = (flight) => kinds.findLast((kind) => flight.tracks[kind]);
 
 const refreshHead = async (flight) => {
   const head = await getJson(`/v1/flights/${flight.id}`);
   if (flight !== shown) return head;
   flight.head = head;
   showFlightHead(head);
-  byId("kind-refined").disabled = !head.kinds.includes("refined");
+  for (const kind of kinds) byId("kind-" + kind).disabled = !head.kinds.includes(kind);
+  byId("compare").disabled = head.kinds.length < 2;
   return head;
 };
 const refreshSegments = async (flight) => {
@@ -61,7 +70,20 @@ const refreshSegments = async (flight) => {
 };
 const refreshFixes = async (flight) => {
   const { fixes } = await getJson(`/v1/flights/${flight.id}/fixes`);
-  if (flight === shown) map.setFixes(fixes);
+  if (flight !== shown) return;
+  map.setFixes(fixes);
+  fixTools.list(fixes);
+};
+const refreshObjects = (flight) => (flight === shown ? objects.refresh() : Promise.resolve());
+// Refined and adjusted estimates, again as they come.
+const refreshTracks = async (flight) => {
+  const head = await refreshHead(flight), before = bestKind(flight);
+  for (const kind of kinds.slice(1)) {
+    if (head.kinds.includes(kind)) flight.tracks[kind] = await estimatesOf(flight.id, kind);
+  }
+  if (flight !== shown) return;
+  const best = bestKind(flight);
+  showKind(best !== before && flight.kind === before ? best : flight.kind);
 };
 // Many events ask for the same: once, soon.
 const soon = (work) => {
@@ -71,7 +93,8 @@ const soon = (work) => {
     due = setTimeout(() => work(flight).catch((error) => console.info(error.message)), 300);
   };
 };
-const headSoon = soon(refreshHead), segmentsSoon = soon(refreshSegments), fixesSoon = soon(refreshFixes);
+const headSoon = soon(refreshHead), segmentsSoon = soon(refreshSegments), fixesSoon = soon(refreshFixes), objectsSoon = soon(refreshObjects),
+      tracksSoon = soon(refreshTracks);
 
 // An estimate from the event that its frame causes: variances as the ellipse of GET …/estimates.
 const estimateOf = (event) => {
@@ -97,8 +120,8 @@ const onEvent = (flight, kind, event) => {
     flight.verdicts.set(event.frame, event.verdict);
     const known = flight.online[event.frame] !== undefined;
     if (!known) flight.online[event.frame] = estimate;
-    if (!known && flight.kind === "online") map.addEstimate(estimate);
-    if (event.verdict === "accepted") showHelp(null);
+    if (!known) map.addEstimate(estimate);
+    if (event.verdict === "accepted") helped();
     if (!known) {
       flight.head.pictures.processed = Math.max(flight.head.pictures.processed, event.frame + 1);
       showFlightHead(flight.head);
@@ -108,28 +131,105 @@ const onEvent = (flight, kind, event) => {
     headSoon(flight);
   }
   if (kind === "pictures_accepted" || kind === "processing_blocked") headSoon(flight);
-  if (kind === "segment_anchored") { showHelp(null); segmentsSoon(flight); }
-  if (kind === "user_fix") fixesSoon(flight);
+  if (kind === "segment_anchored") { helped(); segmentsSoon(flight); }
+  if (kind === "segments_merged") { segmentsSoon(flight); tracksSoon(flight); objectsSoon(flight); }
+  if (kind === "user_fix" || kind === "fix_withdrawn") fixesSoon(flight);
+  if (kind === "objects_changed") objectsSoon(flight);
   if (kind === "user_input_needed") {
+    candidates.show(event);
     showHelp(`Lost at frame ${event.frame}: ${event.failed_looks} looks in a row found nothing. Compare the picture with the map, and say where the aircraft was.`);
   }
-  if (kind === "flight_completed") completed(flight).catch((error) => console.info(error.message));
+  if (kind === "frame_refined" || kind === "flight_completed") { tracksSoon(flight); objectsSoon(flight); }
 };
-
-const completed = async (flight) => {
-  await refreshHead(flight);
-  flight.refined = await estimatesOf(flight.id, "refined");
-  if (flight === shown) showKind("refined");
-};
+const helped = () => { showHelp(null); candidates.hide(); };
 
 const showKind = (kind) => {
   shown.kind = kind;
-  for (const name of ["online", "refined"]) byId("kind-" + name).setAttribute("aria-pressed", name === kind);
+  for (const name of kinds) byId("kind-" + name).setAttribute("aria-pressed", name === kind);
   map.setEstimates(drawnEstimates());
+  showComparison();
   showFrames();
 };
 
+// The track as it came beside the best one, or beside the one that is shown.
+const distance = (one, other) => Math.hypot(one.lat - other.lat, (one.lon - other.lon) * Math.cos(one.lat * Math.PI / 180)) * metresPerDegree;
+const showComparison = () => {
+  const wanted = byId("compare").getAttribute("aria-pressed") === "true", here = drawnEstimates();
+  const there = shown.kind === "online" ? shown.tracks[bestKind(shown)] : shown.online;
+  byId("difference").textContent = "";
+  if (!wanted || there === here) return map.setCompared(null);
+  map.setCompared(there);
+  const moved = here.flatMap((estimate, i) => (estimate.position && there[i]?.position ? [{ frame: i, by: distance(estimate.position, there[i].position) }] : []));
+  const found = here.filter((estimate, i) => !estimate.position !== !there[i]?.position).length;
+  if (moved.length === 0) return;
+  moved.sort((a, b) => a.by - b.by);
+  const most = moved.at(-1);
+  byId("difference").textContent = `Dashed: ${shown.kind === "online" ? kindWords[bestKind(shown)] : kindWords.online}. Frames differ by ${metres(moved[moved.length >> 1].by)} (median), at most by ${metres(most.by)} (frame ${most.frame})` +
+    (found ? `; ${plural(found, "frame")} placed in one of the two only` : "");
+};
+
 // ---- Frames
+
+const previews = new Map();  // address of a blob by frame, of the flight that is shown; the last ones used
+const previewsKept = 12;
+const previewOf = async (frame) => {
+  if (previews.has(frame)) return previews.get(frame);
+  const flight = shown, response = await call(`/v1/flights/${flight.id}/pictures/${frame}?preview=true`);
+  if (!response.ok) throw new Error(`the picture of frame ${frame} cannot be shown`);
+  const address = URL.createObjectURL(await response.blob());
+  if (flight !== shown) return address;
+  previews.set(frame, address);
+  for (const [old, stale] of previews) {
+    if (previews.size <= previewsKept) break;
+    previews.delete(old);
+    setTimeout(() => URL.revokeObjectURL(stale), 60000);
+  }
+  return address;
+};
+const footprintOf = (frame) => getJson(`/v1/flights/${shown.id}/pictures/${frame}/footprint`);
+const currentFrame = () => shown.frame ?? shown.online.length - 1;
+
+// The picture beside the map.
+let pictured = null;  // the frame that it shows
+const picture = makePictureView(byId("picture-map"), {
+  onPixel: (pixel) => { if (!fixTools.onPixel(pixel)) objects.onPixel(pixel); showMarks(); },
+  onSharper: async () => {
+    const frame = pictured, response = await call(`/v1/flights/${shown.id}/pictures/${frame}`);
+    if (response.ok && frame === pictured) picture.sharpen(URL.createObjectURL(await response.blob()));
+  },
+});
+const showMarks = () => {
+  if (!shown || byId("picture-part").hidden) return;
+  picture.ask(fixTools.asksForPixel() || objects.marking());
+  picture.setMarks([...fixTools.marksOf(pictured), ...objects.marksOf(pictured)]);
+};
+const showPicture = async () => {
+  const frame = currentFrame();
+  if (byId("picture-part").hidden || frame < 0) return;
+  byId("picture-frame").textContent = `Frame ${frame}`;
+  if (pictured !== frame) {
+    pictured = frame;
+    const address = await previewOf(frame);
+    if (pictured !== frame) return;
+    const { width, height } = shown.head.camera;
+    picture.show(address, { width, height });
+  }
+  showMarks();
+};
+const openPicture = (focus = false) => {
+  const opened = byId("picture-part").hidden;
+  byId("picture-part").hidden = false;
+  byId("beside").setAttribute("aria-pressed", true);
+  if (opened) { pictured = null; picture.clear(); }
+  showPicture().then(() => { if (opened) picture.fit(); }).catch((error) => console.info(error.message));
+  if (focus) byId("picture-map").focus({ preventScroll: true });
+};
+const closePicture = () => {
+  byId("picture-part").hidden = true;
+  byId("beside").setAttribute("aria-pressed", false);
+  objects.cancel();
+  if (fixTools.asksForPixel()) fixTools.cancel();
+};
 
 let imagesOf = null;  // the frame whose images are shown
 const setImage = async (id, path, frame) => {
@@ -171,6 +271,7 @@ const showFrames = () => {
   showFigures(estimate);
   if (imagesOf !== frame) showVerdict(shown.verdicts.get(frame));
   if (estimate) showImages(frame);
+  showPicture().catch((error) => console.info(error.message));
 };
 // null: the latest, whatever comes.
 const selectFrame = (frame) => {
@@ -183,61 +284,65 @@ const step = (by) => selectFrame((shown.frame ?? shown.online.length - 1) + by);
 
 // ---- Fixes
 
-const askForPlace = (wanted) => {
-  map.askForPlace(wanted);
-  byId("ask-place").setAttribute("aria-pressed", wanted);
-  byId("asking").hidden = !wanted;
-  if (wanted) byId("map").focus();
-};
-const choosePlace = (lat, lon) => {
-  byId("fix-lat").value = lat.toFixed(7);
-  byId("fix-lon").value = lon.toFixed(7);
-  askForPlace(false);
-  byId("fix-radius").focus();
-};
 const numberIn = (id) => {
   const text = byId(id).value.trim().replace(",", "."), value = Number(text);
   if (text === "" || !Number.isFinite(value)) throw new Error(`${byId(id).closest("label").firstChild.data.trim()} must be a number`);
   return value;
 };
-byId("fix").addEventListener("submit", async (event) => {
-  event.preventDefault();
-  const say = (text) => { byId("fix-answer").textContent = text; };
-  try {
-    const body = { lat: numberIn("fix-lat"), lon: numberIn("fix-lon"), radius_m: numberIn("fix-radius") };
-    const frame = shown.frame ?? shown.online.length - 1;
-    if (frame >= 0) body.frame = frame;
-    const fix = await postJson(`/v1/flights/${shown.id}/fixes`, body);
-    say(`stored: applied before frame ${fix.before_frame}, within ${metres(fix.radius_m)}`);
-  } catch (problem) {
-    say(problem.message);
-  }
+
+const history = makeHistory({
+  onChange: (canUndo, canRedo) => { byId("undo").disabled = !canUndo; byId("redo").disabled = !canRedo; },
+  onProblem: (text) => { byId("history-answer").textContent = text; },
 });
+const fixTools = makeFixTools({
+  map, openPicture, closePicture, flight: () => shown, frame: currentFrame, footprintOf, previewOf, history,
+  onChange: () => { fixesSoon(shown); showMarks(); },
+});
+const objects = makeObjects({
+  map, openPicture: (wanted) => { if (wanted) { fixTools.cancel(); openPicture(true); } else showMarks(); },
+  flight: () => shown, frame: currentFrame, history, onMarks: showMarks, onFrame: (frame) => selectFrame(frame),
+});
+const candidates = makeCandidates({
+  pack: () => shown?.pack, footprintOf, previewOf,
+  onChoose: (frame, candidate) => fixTools.give({ lat: candidate.lat_deg, lon: candidate.lon_deg, frame, radius_m: candidateRadius }, "candidate chosen")
+    .then(() => { helped(); map.goTo(candidate.lat_deg, candidate.lon_deg); }).catch((problem) => { byId("fix-answer").textContent = problem.message; }),
+});
+const candidateRadius = 50;  // m; around a place that a person recognised in the map, not measured
 
 // ---- Opening and creating
 
 const openFlight = async (id) => {
   shown?.ended.abort();
-  const flight = { id, online: [], refined: null, verdicts: new Map(), kind: "online", frame: null, head: null, ended: new AbortController() };
+  const flight = { id, online: [], tracks: {}, verdicts: new Map(), kind: "online", frame: null, head: null, pack: null, ended: new AbortController() };
+  flight.tracks.online = flight.online;
   shown = flight;
-  imagesOf = null;
+  imagesOf = pictured = null;
+  for (const address of previews.values()) URL.revokeObjectURL(address);
+  previews.clear();
+  picture.clear();
   for (const name of ["picture", "seen", "map"]) byId("image-" + name).removeAttribute("src");
   for (const name of ["events", "refusals"]) byId(name).replaceChildren();
-  for (const name of ["upload", "fix-answer"]) byId(name).textContent = "";
-  showHelp(null);
-  askForPlace(false);
+  for (const name of ["upload", "fix-answer", "history-answer"]) byId(name).textContent = "";
+  helped();
+  closePicture();
+  fixTools.cancel();
+  objects.clear();
+  history.clear();
   map.clear();
   const head = await refreshHead(flight);
   if (flight !== shown) return;
   byId("list").hidden = true;
   byId("flight").hidden = byId("legend").hidden = false;
   if (packages.length === 0) packages = (await getJson("/v1/packages")).packages;
-  map.setPackage(packages.find((pack) => pack.name === head.package && pack.accepted) ?? null);
-  flight.online = await estimatesOf(id, "online");
-  if (head.kinds.includes("refined")) flight.refined = await estimatesOf(id, "refined");
+  flight.pack = packages.find((pack) => pack.name === head.package && pack.accepted) ?? null;
+  map.setPackage(flight.pack);
+  flight.online.push(...await estimatesOf(id, "online"));
+  for (const kind of kinds.slice(1)) {
+    if (head.kinds.includes(kind)) flight.tracks[kind] = await estimatesOf(id, kind);
+  }
   if (flight !== shown) return;
-  showKind(flight.refined ? "refined" : "online");
-  await Promise.all([refreshSegments(flight), refreshFixes(flight)]);
+  showKind(bestKind(flight));
+  await Promise.all([refreshSegments(flight), refreshFixes(flight), refreshObjects(flight)]);
   let opened = false;
   followEvents(`/v1/flights/${id}/events`, {
     onOpen: async () => {
@@ -252,10 +357,11 @@ const openFlight = async (id) => {
 };
 const closeFlight = () => {
   shown?.ended.abort();
+  closePicture();
+  fixTools.cancel();
   shown = null;
   map.clear();
   map.setPackage(null);
-  askForPlace(false);
   document.title = "Nadir desk";
   byId("list").hidden = false;
   byId("flight").hidden = byId("legend").hidden = true;
@@ -266,6 +372,19 @@ const followAddress = () => {
   if (!/^[0-9a-f]{12}$/.test(id)) return closeFlight();
   openFlight(id).catch((error) => { console.info(error.message); location.hash = ""; });
 };
+
+makePhotoImport({
+  packages: () => packages,
+  onFlight: ({ flight, pictures, findings }) => {
+    location.hash = flight.id;
+    const assumed = findings.map(({ expected, found }) => `${expected}: ${found}`);
+    setTimeout(() => {
+      byId("upload").textContent = `${pictures.accepted} accepted, ${pictures.refused} refused`;
+      byId("refusals").replaceChildren(...pictures.pictures.filter(({ problem }) => problem).map(({ name, problem, reason }) => element("li", {}, `${name}: ${words(problem)}, ${reason}`)),
+        ...assumed.map((text) => element("li", {}, text)));
+    }, 300);
+  },
+});
 
 byId("new").addEventListener("click", () => {
   byId("create-package").replaceChildren(element("option", { value: "" }, "none: odometry alone"),
@@ -294,16 +413,15 @@ byId("pictures-form").addEventListener("submit", (event) => {
   sendPictures(flight, byId("picture-files").files, byId("telemetry-file").files[0]).catch((problem) => { byId("upload").textContent = problem.message; });
 });
 
-const save = async (format) => {
-  const response = await call(`/v1/flights/${shown.id}/export?format=${format}`);
+const save = async (path, name) => {
+  const response = await call(`/v1/flights/${shown.id}/${path}`);
   if (!response.ok) return;
   const address = URL.createObjectURL(await response.blob());
-  const name = /filename="([^"]+)"/.exec(response.headers.get("Content-Disposition") ?? "")?.[1] ?? `${shown.id}.${format}`;
-  element("a", { href: address, download: name }).click();
+  element("a", { href: address, download: /filename="([^"]+)"/.exec(response.headers.get("Content-Disposition") ?? "")?.[1] ?? name }).click();
   setTimeout(() => URL.revokeObjectURL(address), 10000);
 };
-for (const link of document.querySelectorAll("#exports a")) {
-  link.addEventListener("click", (event) => { event.preventDefault(); save(link.dataset.format).catch((error) => console.info(error.message)); });
+for (const link of document.querySelectorAll("[data-export]")) {
+  link.addEventListener("click", () => save(link.dataset.export, shown.id).catch((error) => console.info(error.message)));
 }
 
 byId("home").addEventListener("click", (event) => { event.preventDefault(); location.hash = ""; });
@@ -316,19 +434,31 @@ byId("frame").addEventListener("input", () => selectFrame(Number(byId("frame").v
 byId("previous").addEventListener("click", () => step(-1));
 byId("next").addEventListener("click", () => step(1));
 byId("live").addEventListener("click", () => selectFrame(null));
-byId("ask-place").addEventListener("click", () => askForPlace(byId("ask-place").getAttribute("aria-pressed") !== "true"));
-byId("kind-online").addEventListener("click", () => showKind("online"));
-byId("kind-refined").addEventListener("click", () => (shown.refined ? showKind("refined") : completed(shown)));
+for (const kind of kinds) byId("kind-" + kind).addEventListener("click", () => showKind(kind));
+byId("compare").addEventListener("click", () => {
+  byId("compare").setAttribute("aria-pressed", byId("compare").getAttribute("aria-pressed") !== "true");
+  showComparison();
+});
+byId("beside").addEventListener("click", () => (byId("picture-part").hidden ? openPicture() : closePicture()));
+byId("picture-close").addEventListener("click", closePicture);
+byId("undo").addEventListener("click", history.undo);
+byId("redo").addEventListener("click", history.redo);
 byId("all-ellipses").addEventListener("click", () => {
   const wanted = byId("all-ellipses").getAttribute("aria-pressed") !== "true";
   byId("all-ellipses").setAttribute("aria-pressed", wanted);
   map.showAllUncertainties(wanted);
 });
 document.addEventListener("keydown", (event) => {
-  if (!shown || event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
-  if (event.key === "Escape") return askForPlace(false);
+  if (!shown || event.altKey || document.querySelector("dialog[open]")) return;
+  if (event.key === "Escape") { fixTools.cancel(); objects.cancel(); showMarks(); return; }
   if (event.target.matches("input:not([type=range]), select, textarea")) return;
-  const action = { p: () => step(-1), n: () => step(1), l: () => selectFrame(null), w: () => map.showTrack(), f: () => askForPlace(true) }[event.key.toLowerCase()];
+  const key = event.key.toLowerCase(), redo = key === "y" || (key === "z" && event.shiftKey);
+  if (event.ctrlKey || event.metaKey) {
+    if (key !== "z" && key !== "y") return;
+  }
+  const action = { p: () => step(-1), n: () => step(1), l: () => selectFrame(null), w: () => map.showTrack(), f: () => fixTools.begin("pair"),
+                   d: () => fixTools.begin("drag"), g: () => fixTools.begin("place"), o: objects.begin, b: () => byId("beside").click(),
+                   c: () => { if (!byId("compare").disabled) byId("compare").click(); }, z: redo ? history.redo : history.undo, y: history.redo }[key];
   if (!action) return;
   event.preventDefault();
   action();

@@ -7,6 +7,7 @@ const duration = (seconds) => seconds < 100 ? Math.round(seconds) + " s" : Math.
 const plural = (number, noun) => `${number} ${noun}${number === 1 ? "" : "s"}`;
 
 const sourceWords = { satellite_anchored: "matched with the map", vo_extrapolated: "visual odometry", dead_reckoned: "dead reckoning", no_fix: "not known" };
+const kindWords = { online: "as it came", refined: "refined", adjusted: "adjusted" };
 const verdictWords = {
   not_tried: "not looked", accepted: "accepted", frame_unfit: "picture unfit", no_map: "off the map", ambiguous: "ambiguous",
   few_inliers: "too few patches agree", bad_geometry: "geometry not credible", off_prediction: "contradicts the track", awaiting_votes: "plausible, needs support",
@@ -34,8 +35,8 @@ const showFlightHead = (flight) => {
   byId("name").textContent = flight.name || flight.id;
   byId("state").textContent = flight.state;
   byId("state").dataset.state = flight.state;
-  byId("reason").hidden = !flight.reason;
-  byId("reason").textContent = flight.reason ?? "";
+  byId("reason").hidden = !(flight.reason ?? flight.diagnosis);
+  byId("reason").textContent = flight.reason ?? flight.diagnosis ?? "";
   byId("progress").max = Math.max(1, accepted);
   byId("progress").value = processed;
   byId("counts").textContent = `${processed} of ${plural(accepted, "picture")}` + (flight.package ? `, map ${flight.package}` : ", odometry alone");
@@ -70,10 +71,11 @@ const eventWords = {
   pictures_accepted: (e) => `${plural(e.accepted, "picture")} accepted` + (e.refused.length ? `, ${e.refused.length} refused` : ""),
   segment_started: (e) => `segment ${e.segment} begins`,
   segment_anchored: (e) => `segment ${e.segment} anchored to the map`,
-  segments_merged: () => "segments merged",
+  segments_merged: (e) => (e.segments ? `segments ${e.segments.join(", ")} merged into ${e.into}` : "segments merged"),
   search_expanded: (e) => `searching ${Math.round(e.to_m)} m around`,
   user_input_needed: (e) => `lost: ${e.failed_looks} looks in a row found nothing`,
   user_fix: (e) => `fix by ${e.by} within ${metres(e.radius_m)}`,
+  fix_withdrawn: (e) => `fix ${e.fix} withdrawn`,
   processing_blocked: (e) => `blocked: ${e.reason}`,
   flight_completed: (e) => `completed: ${e.placed} of ${plural(e.frames, "frame")} placed`,
 };

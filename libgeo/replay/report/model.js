@@ -10,7 +10,7 @@ const sources = {
 };
 
 const verdicts = {
-  accepted: "the match passed every gate",
+  accepted: "the belief is sure of this place",
   not_tried: "no match was due for this frame",
   frame_unfit: "the frame is unfit: black, blown out, blurred or unreadable",
   no_map: "the search window lies off the map",

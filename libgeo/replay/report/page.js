@@ -4,6 +4,7 @@ document.getElementById("title").textContent = data.title;
 document.getElementById("subtitle").textContent = data.subtitle;
 document.getElementById('footer').textContent = data.generator +
     '. Self-contained: nothing is loaded from a network. Positions are WGS84, distances metres on the ground.';
+if (data.notice) document.getElementById("headline").before(element("p", { class: "card notice", role: "alert" }, data.notice));
 for (const tile of data.tiles) {
   document.getElementById("headline").append(element("div", { class: "tile " + tile.mood },
     element("b", {}, tile.value, element("small", {}, tile.unit)), element("span", {}, tile.label)));

@@ -4,7 +4,7 @@
 const contactLimit = 6;  // s without contact to the service
 const viewLimit = 2.5;   // s, age of the latest view of the flight
 
-const map = makeMap();
+const map = makeLiveMap();
 let last = null, lastStateAt = 0, lastContactAt = 0, boot = null;
 
 // Ages go on from the arrival of the latest state, whether or not another one comes.

@@ -179,6 +179,32 @@ nlohmann::json json_from(const TilesSummary& s) {
           {"bytes", s.bytes}};
 }
 
+// Where most frames cover no whole tile, tiles are pieced together from frames or stay unfinished, and the result is
+// patches: the zooms at which frames cover several tiles each. Nothing where the zoom is not to blame, or where finer
+// tiles would be finer than the frames' own pixels.
+std::optional<std::string> zoom_advice(const TilesSummary& summary, const CameraModel& camera,
+                                       const std::vector<std::optional<FramePose>>& poses, const LocalFrame& frame,
+                                       int zoom) {
+  std::vector<double> heights_m;
+  double lat_deg = 0;
+  for (const auto& pose : poses) {
+    if (!pose) continue;
+    heights_m.push_back(pose->pose.agl_m);
+    lat_deg = frame.lonlat_from_plane(pose->pose.position).lat_deg;
+  }
+  if (heights_m.empty() || 2 * summary.narrow <= summary.used) return std::nullopt;
+  const double agl_m = quantile(heights_m, 0.5), gsd_m = gsd_at(camera, agl_m);
+  const double shorter_m = gsd_m * std::min(camera.width, camera.height);
+  const auto pixel_m = [&](int z) { return ground_resolution_m(z, lat_deg); };
+  const auto useful = [&](int z) { return z <= kMaxZoom && pixel_m(z) >= gsd_m; };
+  int better = zoom + 1;
+  while (useful(better) && kTileSize * pixel_m(better) > shorter_m / 2) ++better;  // two tiles across at any offset
+  if (!useful(better)) return std::nullopt;
+  return fmt::format("most frames ({:.0f} m across) cover no whole tile ({:.0f} m at zoom {}): try --zoom {}{}",
+                     shorter_m, kTileSize * pixel_m(zoom), zoom, better,
+                     useful(better + 1) ? fmt::format(" or {}", better + 1) : "");
+}
+
 Figures figures_from(const TilesSummary& s) {
   return {{"frames", std::to_string(s.frames)},
           {"frames used", std::to_string(s.used)},
@@ -307,6 +333,11 @@ int OrthoCommand::run(Context& context) {
 
   nlohmann::json document = json_from(summary);
   Figures figures = figures_from(summary);
+  const int zoom = zoom_.value_or(ready->package->mission().zoom.max);
+  if (const auto advice = zoom_advice(summary, flight.camera.camera, poses, ready->setup->frame, zoom)) {
+    document["advice"] = *advice;
+    if (!context.quiet) context.err << "note: " << *advice << '\n';
+  }
   if (mosaic_ && summary.tiles > 0) {
     const CandidateMosaic mosaic = write_candidate_mosaic(staging.path(), *mosaic_, context.progress);
     const MbtilesReader tiles(staging.path() / kCandidateFile);

@@ -1,0 +1,75 @@
+// The paths of a desk's API: where each leads, and which methods, bodies and sizes it takes. Whether a request is
+// answered at all is decided here, by its header.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "http/message.hpp"
+
+namespace nadir {
+
+inline constexpr std::uint64_t kMaxJsonBody = 64 * 1024;
+
+enum class DeskPath {
+  page,
+  script,
+  style,
+  leaflet_script,
+  leaflet_style,
+  health,
+  contract,
+  packages,
+  tile,
+  imports,
+  import_files,
+  import_flight,
+  import_item,
+  flights,
+  flight,
+  pictures,
+  picture,
+  events,
+  estimates,
+  segments,
+  look,
+  seen,
+  map,
+  footprint,
+  fixes,
+  fix,
+  objects,
+  object,
+  sightings,
+  sighting,
+  complete,
+  export_track
+};
+
+struct DeskRoute {
+  DeskPath path = DeskPath::page;
+  std::string_view methods = "GET, HEAD";
+  std::string_view media{};  // of the body, separated by blanks; empty: there is none
+  std::uint64_t body_max = 0;
+  std::string name{};     // of the flight, the package or the import
+  std::string tile{};     // "ZOOM/COLUMN/ROW"
+  std::size_t frame = 0;  // of a picture, a look or a footprint
+  std::int64_t item = 0;  // a fix or an object
+  std::int64_t part = 0;  // a sighting of an object
+};
+
+// Nothing: there is no such path. picture_bytes: the most that a batch of pictures may have.
+std::optional<DeskRoute> desk_route(std::string_view path, std::string_view method, std::uint64_t picture_bytes);
+
+// Why the header alone is reason to refuse the request.
+std::optional<ApiResponse> refusal(const DeskRoute& route, const ApiRequest& header);
+
+// Requests of one lane are answered one after the other, those of different lanes at the same time.
+std::string lane_of(const DeskRoute& route);
+
+// A number in a path or a query, at most 1e9.
+std::optional<std::size_t> whole_number(std::string_view text);
+
+}  // namespace nadir
