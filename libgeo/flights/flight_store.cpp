@@ -13,35 +13,14 @@
 #include "base/files.hpp"
 #include "base/plural.hpp"
 #include "base/printable.hpp"
-#include "imagery/sqlite_database.hpp"
-#include "recorder/record_codec.hpp"
 
 namespace nadir {
 namespace {
 
 namespace fs = std::filesystem;
 
-[[noreturn]] void refuse_damaged(const fs::path& where, std::string found) {
-  throw Error({.what = "the stored flight is damaged",
-               .where = where.string(),
-               .expected = "rows as they were stored",
-               .found = std::move(found),
-               .fix = "get the flight from a backup, or process its pictures again"});
-}
-
 std::string json_text(const nlohmann::json& body) {
   return body.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-}
-
-Bytes session_bytes(SessionRecord session) {
-  session.id.clear();
-  session.segment = 0;
-  session.started_ns = 0;
-  return encode(Record(std::move(session)));
-}
-
-std::string text_of(const PictureRefusal& refusal) {
-  return fmt::format("{}: {}", name_of(refusal.problem), refusal.reason);
 }
 
 // Of the event pictures_accepted.
@@ -56,59 +35,24 @@ std::string accepted_text(const std::map<std::size_t, NewPicture>& added, std::s
   return json_text(body);
 }
 
-bool plain_file_name(const fs::path& file) {
-  return !file.empty() && file.filename() == file && file != "." && file != "..";
-}
-
 }  // namespace
-
-std::string_view name_of(PictureState state) {
-  switch (state) {
-    case PictureState::accepted: return "accepted";
-    case PictureState::processed: return "processed";
-    case PictureState::refused: return "refused";
-  }
-  return {};
-}
-
-std::string_view name_of(EstimateKind kind) {
-  switch (kind) {
-    case EstimateKind::online: return "online";
-    case EstimateKind::refined: return "refined";
-    case EstimateKind::adjusted: return "adjusted";
-  }
-  return {};
-}
-
-bool same_flight(const FlightDescription& one, const FlightDescription& other) {
-  return session_bytes(one.session) == session_bytes(other.session);
-}
 
 struct FlightStore::Impl {
   Impl(fs::path flight_folder, FlightStoreOptions store_options, std::unique_ptr<FlightDatabase> flight_database)
       : folder(std::move(flight_folder)),
         options(std::move(store_options)),
         file(std::move(flight_database)),
-        database(&file->sql()),
-        annotations(*database) {}
+        rows(file->sql()),
+        annotations(file->sql()) {}
 
   // The following expect `mutex` to be held.
   template <typename Work>
   void transaction(std::string_view name, const Work& work) {
     file->transaction(name, work);
   }
-  void insert_flight(const FlightDescription& flight, UtcMillis now);
+  void create_flight(const FlightDescription& flight, UtcMillis now);
   void load();
   void remove_unknown_pictures() const;
-  void insert_pictures(const std::map<std::size_t, NewPicture>& added);
-  void insert_refusals(std::span<const PictureAnswer> answers);
-  void insert_event(const StoredFlightEvent& event, UtcMillis now);
-  void insert_segment(const FlightSegment& segment);
-  void insert_estimate(EstimateKind kind, const EstimateRecord& record, const AnchorReport* anchor);
-  std::int64_t scalar(std::string_view sql) const;
-  PictureRow picture_row(const SqliteStatement& row) const;
-  PictureRow picture(std::size_t frame) const;
-  std::string file_of(std::size_t frame) const;
   void insert_object_event(std::int64_t object, UtcMillis now);
   // What is said now is for the frame after the one that is being processed.
   std::size_t next_frame() const { return begun ? *begun + 1 : processed; }
@@ -120,23 +64,13 @@ struct FlightStore::Impl {
   std::mutex intake;         // one batch at a time; taken before `mutex`
   mutable std::mutex mutex;  // of all that follows
   std::unique_ptr<FlightDatabase> file;
-  const SqliteDatabase* database;
+  FlightRows rows;
   FlightAnnotations annotations;
   FlightDescription description;
   std::optional<fs::path> outside;  // where the pictures lie that are not kept here
   std::size_t accepted = 0, processed = 0;
   std::optional<std::size_t> begun;
 };
-
-namespace {
-
-constexpr const char* kPictureColumns =
-    "SELECT frame, name, state, reason, sha256, bytes, width, height, telemetry FROM picture";
-
-// Frame numbers and sizes are never so large that this loses anything.
-std::int64_t signed_of(std::uint64_t number) { return static_cast<std::int64_t>(number); }
-
-}  // namespace
 
 // ---- Opening
 
@@ -157,7 +91,7 @@ std::unique_ptr<FlightStore> FlightStore::create(const fs::path& folder, const F
   }
   auto file = std::make_unique<FlightDatabase>(folder, FlightDatabase::Access::create, options.sync, options.hook);
   auto impl = std::make_unique<Impl>(folder, options, std::move(file));
-  impl->insert_flight(description, now);
+  impl->create_flight(description, now);
   sync_to_disk(folder);
   impl->load();
   return std::unique_ptr<FlightStore>(new FlightStore(std::move(impl)));
@@ -173,69 +107,43 @@ std::unique_ptr<FlightStore> FlightStore::open(const fs::path& folder, const Fli
 
 std::unique_ptr<FlightStore> FlightStore::in_memory(const FlightDescription& description, UtcMillis now) {
   auto impl = std::make_unique<Impl>(fs::path(), FlightStoreOptions{}, std::make_unique<FlightDatabase>());
-  impl->insert_flight(description, now);
+  impl->create_flight(description, now);
   impl->load();
   return std::unique_ptr<FlightStore>(new FlightStore(std::move(impl)));
 }
 
 // With the tables, in one transaction: a kill leaves an empty file, in which the flight can be created again.
-void FlightStore::Impl::insert_flight(const FlightDescription& flight, UtcMillis now) {
+void FlightStore::Impl::create_flight(const FlightDescription& flight, UtcMillis now) {
   transaction("create", [&] {
     file->create_tables();
-    const Bytes session = encode(Record(flight.session));
-    const std::optional<LonLat>& start = flight.session.start;
-    auto insert = database->prepare(
-        "INSERT INTO flight (id, name, package, camera, start_lat_deg, start_lon_deg, created_ms, session) "
-        "VALUES (1, ?, ?, ?, ?, ?, ?, ?)");
-    insert.bind(1, flight.name).bind(2, flight.package).bind(3, flight.camera_text);
-    insert.bind_real(4, start ? std::optional(start->lat_deg) : std::nullopt);
-    insert.bind_real(5, start ? std::optional(start->lon_deg) : std::nullopt);
-    insert.bind(6, now.unix_ms).bind(7, ByteView(session)).run();
-    insert_event({FlightEventKind::flight_created, std::nullopt, json_text({{"name", flight.name}})}, now);
+    rows.insert_flight(flight, now);
+    rows.insert_event({FlightEventKind::flight_created, std::nullopt, json_text({{"name", flight.name}})}, now);
   });
 }
 
 void FlightStore::Impl::load() {
-  auto row = database->prepare("SELECT name, package, camera, outside, session FROM flight");
-  if (!row.step()) refuse_damaged(database->path(), "no row in the table flight");
-  description.name = row.text(0);
-  description.package = row.text(1);
-  description.camera_text = row.text(2);
-  if (!row.is_null(3) && !options.outside) {
+  FlightRows::Flight flight = rows.flight();
+  if (!flight.outside.empty() && !options.outside) {
     throw UsageError({.what = "the pictures of this flight lie outside of it",
                       .where = folder.string(),
                       .expected = "the folder of the pictures",
-                      .found = printable(row.text(3)),
+                      .found = printable(flight.outside),
                       .fix = "say where they are"});
   }
-  if (!row.is_null(3)) outside = fs::absolute(*options.outside);
-  const auto record = decode(Topic::session, row.blob(4));
-  if (!record) refuse_damaged(database->path(), "a session that cannot be read");
-  description.session = std::get<SessionRecord>(*record);
-  accepted = static_cast<std::size_t>(scalar("SELECT count(*) FROM picture WHERE frame IS NOT NULL"));
-  processed = static_cast<std::size_t>(scalar("SELECT count(*) FROM picture WHERE state = 'processed'"));
-  const std::int64_t last = scalar("SELECT ifnull(max(frame), -1) FROM picture");
-  const std::int64_t done = scalar("SELECT ifnull(max(frame), -1) FROM picture WHERE state = 'processed'");
-  if (last + 1 != signed_of(accepted) || done + 1 != signed_of(processed)) {
-    refuse_damaged(database->path(), "frames that do not count from 0 without gaps");
-  }
+  if (!flight.outside.empty()) outside = fs::absolute(*options.outside);
+  description = std::move(flight.description);
+  accepted = flight.accepted;
+  processed = flight.processed;
 }
 
 // Of a batch that was being stored when its process died.
 void FlightStore::Impl::remove_unknown_pictures() const {
   std::error_code code;
   fs::create_directories(folder / kPicturesFolder, code);
-  std::set<std::string> known;
-  auto rows = database->prepare("SELECT file FROM picture WHERE frame IS NOT NULL");
-  while (rows.step()) known.insert(std::string(rows.text(0)));
+  const std::set<std::string> known = rows.kept_files();
   for (const auto& entry : fs::directory_iterator(folder / kPicturesFolder)) {
     if (!known.contains(entry.path().filename().string())) fs::remove(entry.path(), code);
   }
-}
-
-std::int64_t FlightStore::Impl::scalar(std::string_view sql) const {
-  auto statement = database->prepare(sql);
-  return statement.step() ? statement.integer(0) : 0;
 }
 
 const FlightDescription& FlightStore::description() const { return impl_->description; }
@@ -266,9 +174,10 @@ std::vector<PictureAnswer> FlightStore::accept(std::span<const PictureOffer> bat
   if (intake.added().empty() && !any_refused) return answers;
   const std::scoped_lock guard(s.mutex);
   s.transaction("accept", [&] {
-    s.insert_pictures(intake.added());
-    s.insert_refusals(answers);
-    s.insert_event({FlightEventKind::pictures_accepted, std::nullopt, accepted_text(intake.added(), answers)}, now);
+    s.rows.insert_pictures(intake.added());
+    s.rows.insert_refusals(answers, limits.stored_refusals);
+    s.rows.insert_event({FlightEventKind::pictures_accepted, std::nullopt, accepted_text(intake.added(), answers)},
+                        now);
   });
   intake.keep_files();
   s.accepted += intake.added().size();
@@ -279,45 +188,19 @@ StoredPictures FlightStore::Impl::stored_pictures() const {
   StoredPictures stored;
   stored.of_name = [this](std::string_view name) -> std::optional<StoredPictures::Named> {
     const std::scoped_lock guard(mutex);
-    auto row = database->prepare("SELECT frame FROM picture WHERE name = ? AND frame IS NOT NULL");
-    if (!row.bind(1, name).step()) return std::nullopt;
-    const auto frame = static_cast<std::size_t>(row.integer(0));
-    return StoredPictures::Named{frame, picture(frame).sha256.value_or(Sha256{})};
+    const std::optional<std::size_t> frame = rows.frame_named(name);
+    if (!frame) return std::nullopt;
+    return StoredPictures::Named{*frame, rows.picture(*frame).sha256.value_or(Sha256{})};
   };
-  stored.of_content = [this](const Sha256& content) -> std::optional<std::size_t> {
+  stored.of_content = [this](const Sha256& content) {
     const std::scoped_lock guard(mutex);
-    auto row = database->prepare("SELECT frame FROM picture WHERE sha256 = ? AND frame IS NOT NULL");
-    if (!row.bind(1, ByteView(content.bytes)).step()) return std::nullopt;
-    return static_cast<std::size_t>(row.integer(0));
+    return rows.frame_with(content);
   };
   const std::scoped_lock guard(mutex);
   stored.frames = accepted;
-  if (accepted > 0) stored.last_time_s = picture(accepted - 1).telemetry.time_s;
-  stored.bytes = static_cast<std::uint64_t>(scalar("SELECT ifnull(sum(bytes), 0) FROM picture"));
+  if (accepted > 0) stored.last_time_s = rows.picture(accepted - 1).telemetry.time_s;
+  stored.bytes = rows.picture_bytes();
   return stored;
-}
-
-void FlightStore::Impl::insert_pictures(const std::map<std::size_t, NewPicture>& added) {
-  auto insert = database->prepare(
-      "INSERT INTO picture (frame, name, file, sha256, bytes, width, height, time_s, telemetry, state, reason) "
-      "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, 'accepted', '')");
-  for (const auto& [frame, picture] : added) {
-    const PictureFacts& facts = picture.facts;
-    const Bytes telemetry = encode(Record(InputRecord{frame, picture.telemetry, facts.sha256, facts.bytes}));
-    insert.bind(1, signed_of(frame)).bind(2, picture.telemetry.frame).bind(3, picture.file);
-    insert.bind(4, ByteView(facts.sha256.bytes)).bind(5, signed_of(facts.bytes));
-    insert.bind(6, std::int64_t{facts.width}).bind(7, std::int64_t{facts.height});
-    insert.bind_real(8, picture.telemetry.time_s).bind(9, ByteView(telemetry)).run();
-  }
-}
-
-void FlightStore::Impl::insert_refusals(std::span<const PictureAnswer> answers) {
-  auto stored = static_cast<std::size_t>(scalar("SELECT count(*) FROM picture WHERE state = 'refused'"));
-  auto insert = database->prepare("INSERT INTO picture (name, file, state, reason) VALUES (?, '', 'refused', ?)");
-  for (const PictureAnswer& answer : answers) {
-    if (!answer.refusal || stored++ >= options.limits.stored_refusals) continue;
-    insert.bind(1, printable(answer.name.substr(0, 255))).bind(2, text_of(*answer.refusal)).run();
-  }
 }
 
 void FlightStore::refer(const fs::path& folder, std::span<const Telemetry> frames, std::span<const std::string> files,
@@ -333,18 +216,12 @@ void FlightStore::refer(const fs::path& folder, std::span<const Telemetry> frame
   }
   const fs::path absolute = fs::absolute(folder);
   s.transaction("refer", [&] {
-    s.database->prepare("UPDATE flight SET outside = ?").bind(1, absolute.string()).run();
-    auto insert = s.database->prepare(
-        "INSERT INTO picture (frame, name, file, time_s, telemetry, state, reason) "
-        "VALUES (?, ?, ?, ?, ?, 'accepted', '')");
-    for (std::size_t i = 0; i < frames.size(); ++i) {
-      const Bytes telemetry = encode(Record(InputRecord{i, frames[i], Sha256{}, 0}));
-      insert.bind(1, signed_of(i)).bind(2, frames[i].frame).bind(3, files.empty() ? frames[i].frame : files[i]);
-      insert.bind_real(4, frames[i].time_s).bind(5, ByteView(telemetry)).run();
-    }
-    s.insert_event({FlightEventKind::pictures_accepted, std::nullopt,
-                    json_text({{"accepted", frames.size()}, {"refused", nlohmann::json::array()}, {"first_frame", 0}})},
-                   now);
+    s.rows.set_outside(absolute);
+    s.rows.insert_outside_pictures(frames, files);
+    s.rows.insert_event(
+        {FlightEventKind::pictures_accepted, std::nullopt,
+         json_text({{"accepted", frames.size()}, {"refused", nlohmann::json::array()}, {"first_frame", 0}})},
+        now);
   });
   s.outside = absolute;
   s.accepted = frames.size();
@@ -360,52 +237,14 @@ std::size_t FlightStore::processed() const {
   return impl_->processed;
 }
 
-PictureRow FlightStore::Impl::picture_row(const SqliteStatement& row) const {
-  PictureRow picture;
-  if (!row.is_null(0)) picture.frame = static_cast<std::size_t>(row.integer(0));
-  picture.name = row.text(1);
-  for (const PictureState state : {PictureState::accepted, PictureState::processed, PictureState::refused}) {
-    if (row.text(2) == name_of(state)) picture.state = state;
-  }
-  picture.reason = row.text(3);
-  if (const ByteView digest = row.blob(4); digest.size() == picture.sha256.emplace().bytes.size()) {
-    std::copy(digest.begin(), digest.end(), picture.sha256->bytes.begin());
-  } else {
-    picture.sha256.reset();
-  }
-  picture.bytes = static_cast<std::uint64_t>(row.integer(5));
-  picture.width = static_cast<int>(row.integer(6));
-  picture.height = static_cast<int>(row.integer(7));
-  if (!picture.frame) return picture;
-  const auto input = decode(Topic::input, row.blob(8));
-  if (!input) refuse_damaged(database->path(), fmt::format("frame {} without its telemetry", *picture.frame));
-  picture.telemetry = std::get<InputRecord>(*input).telemetry;
-  return picture;
-}
-
-PictureRow FlightStore::Impl::picture(std::size_t frame) const {
-  auto row = database->prepare(fmt::format("{} WHERE frame = ?", kPictureColumns));
-  if (!row.bind(1, signed_of(frame)).step()) refuse_damaged(database->path(), fmt::format("no frame {}", frame));
-  return picture_row(row);
-}
-
-std::string FlightStore::Impl::file_of(std::size_t frame) const {
-  auto row = database->prepare("SELECT file FROM picture WHERE frame = ?");
-  if (!row.bind(1, signed_of(frame)).step()) refuse_damaged(database->path(), fmt::format("no frame {}", frame));
-  return std::string(row.text(0));
-}
-
 PictureRow FlightStore::picture(std::size_t frame) const {
   const std::scoped_lock guard(impl_->mutex);
-  return impl_->picture(frame);
+  return impl_->rows.picture(frame);
 }
 
 std::vector<PictureRow> FlightStore::refused() const {
   const std::scoped_lock guard(impl_->mutex);
-  std::vector<PictureRow> refused;
-  auto rows = impl_->database->prepare(fmt::format("{} WHERE frame IS NULL ORDER BY id", kPictureColumns));
-  while (rows.step()) refused.push_back(impl_->picture_row(rows));
-  return refused;
+  return impl_->rows.refused();
 }
 
 Bytes FlightStore::read_picture(std::size_t frame) const {
@@ -414,13 +253,11 @@ Bytes FlightStore::read_picture(std::size_t frame) const {
   std::optional<fs::path> outside;
   {
     const std::scoped_lock guard(impl_->mutex);
-    picture = impl_->picture(frame);
-    file = impl_->file_of(frame);
+    picture = impl_->rows.picture(frame);
+    file = impl_->rows.file_of(frame);
     outside = impl_->outside;
   }
   if (outside) {
-    if (!plain_file_name(file))
-      refuse_damaged(impl_->database->path(), fmt::format("a path as the file of frame {}", frame));
     Bytes bytes;
     try {
       bytes = read_file(*outside / file);
@@ -461,7 +298,7 @@ std::optional<BegunFrame> FlightStore::begin_frame() {
     const std::scoped_lock guard(impl_->mutex);
     if (impl_->begun || impl_->processed == impl_->accepted) return std::nullopt;
     begun.frame = impl_->processed;
-    begun.telemetry = impl_->picture(begun.frame).telemetry;
+    begun.telemetry = impl_->rows.picture(begun.frame).telemetry;
     impl_->begun = begun.frame;
   }
   begun.fixes = fixes_before(begun.frame);
@@ -473,54 +310,6 @@ void FlightStore::abandon_frame() {
   impl_->begun.reset();
 }
 
-void FlightStore::Impl::insert_event(const StoredFlightEvent& event, UtcMillis now) {
-  auto insert = database->prepare("INSERT INTO event (time_ms, kind, frame, body) VALUES (?, ?, ?, ?)");
-  insert.bind(1, now.unix_ms).bind(2, name_of(event.kind));
-  if (event.frame) {
-    insert.bind(3, signed_of(*event.frame));
-  } else {
-    insert.bind_null(3);
-  }
-  insert.bind(4, event.body).run();
-}
-
-void FlightStore::Impl::insert_segment(const FlightSegment& segment) {
-  auto insert = database->prepare(
-      "INSERT OR REPLACE INTO segment (segment, first_frame, last_frame, state, anchored_frame) "
-      "VALUES (?, ?, ?, ?, ?)");
-  insert.bind(1, std::int64_t{segment.number}).bind(2, signed_of(segment.first_frame));
-  insert.bind(3, signed_of(segment.last_frame)).bind(4, name_of(segment.state));
-  if (segment.anchored_frame) {
-    insert.bind(5, signed_of(*segment.anchored_frame));
-  } else {
-    insert.bind_null(5);
-  }
-  insert.run();
-}
-
-void FlightStore::Impl::insert_estimate(EstimateKind kind, const EstimateRecord& record, const AnchorReport* anchor) {
-  const Estimate& estimate = record.estimate;
-  const Bytes bytes = encode(Record(record));
-  Bytes anchor_bytes;
-  auto insert = database->prepare(
-      "INSERT INTO estimate (frame, kind, lat_deg, lon_deg, sigma_m, cov_ee_m2, cov_en_m2, cov_nn_m2, hpl_m, source, "
-      "segment, verdict, latency_ms, record, anchor) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
-  insert.bind(1, signed_of(record.index)).bind(2, name_of(kind));
-  if (estimate.position) {
-    insert.bind_real(3, estimate.position->lat_deg).bind_real(4, estimate.position->lon_deg);
-    insert.bind_real(5, estimate.sigma_m).bind_real(6, estimate.covariance_m2(0, 0));
-    insert.bind_real(7, estimate.covariance_m2(0, 1)).bind_real(8, estimate.covariance_m2(1, 1));
-  }
-  insert.bind_real(9, estimate.hpl_m).bind(10, name_of(estimate.source)).bind(11, std::int64_t{estimate.segment});
-  insert.bind(12, name_of(anchor != nullptr ? anchor->verdict : AnchorVerdict::not_tried));
-  insert.bind_real(13, estimate.latency_ms).bind(14, ByteView(bytes));
-  if (anchor != nullptr) {
-    anchor_bytes = encode(Record(AnchorRecord{record.index, estimate.frame, estimate.time_s, *anchor, record.index}));
-    insert.bind(15, ByteView(anchor_bytes));
-  }
-  insert.run();
-}
-
 void FlightStore::put_frame(const ProcessedFrame& frame, UtcMillis now) {
   Impl& s = *impl_;
   const std::scoped_lock guard(s.mutex);
@@ -529,55 +318,19 @@ void FlightStore::put_frame(const ProcessedFrame& frame, UtcMillis now) {
                  .expected = s.begun ? fmt::format("frame {}", *s.begun) : "none",
                  .found = fmt::format("frame {}", frame.frame)});
   }
-  s.transaction("frame", [&] {
-    auto update =
-        s.database->prepare("UPDATE picture SET state = 'processed', bytes = coalesce(?, bytes) WHERE frame = ?");
-    if (frame.picture_bytes) update.bind(1, signed_of(*frame.picture_bytes));
-    update.bind(2, signed_of(frame.frame)).run();
-    s.database->prepare("INSERT INTO measurement (frame, answers) VALUES (?, ?)")
-        .bind(1, signed_of(frame.frame))
-        .bind(2, ByteView(frame.answers))
-        .run();
-    if (!frame.seen.empty() || !frame.map.empty()) {
-      s.database->prepare("INSERT INTO look (frame, seen, map) VALUES (?, ?, ?)")
-          .bind(1, signed_of(frame.frame))
-          .bind(2, ByteView(frame.seen))
-          .bind(3, ByteView(frame.map))
-          .run();
-    }
-    s.insert_estimate(EstimateKind::online, frame.online, &frame.anchor);
-    for (const FlightSegment& segment : frame.segments) s.insert_segment(segment);
-    for (const StoredFlightEvent& event : frame.events) s.insert_event(event, now);
-  });
+  s.transaction("frame", [&] { s.rows.insert_frame(frame, now); });
   s.begun.reset();
   s.processed = frame.frame + 1;
 }
 
 StoredFrame FlightStore::stored_frame(std::size_t frame) const {
-  const Impl& s = *impl_;
-  const std::scoped_lock guard(s.mutex);
-  auto row = s.database->prepare(
-      "SELECT e.record, m.answers, l.seen, l.map FROM estimate e JOIN measurement m ON m.frame = e.frame "
-      "LEFT JOIN look l ON l.frame = e.frame WHERE e.frame = ? AND e.kind = 'online'");
-  if (!row.bind(1, signed_of(frame)).step()) {
-    refuse_damaged(s.database->path(), fmt::format("no results of frame {}", frame));
-  }
-  const auto record = decode(Topic::estimate, row.blob(0));
-  if (!record) refuse_damaged(s.database->path(), fmt::format("no readable estimate of frame {}", frame));
-  const auto bytes = [&row](int column) {
-    const ByteView blob = row.blob(column);
-    return Bytes(blob.begin(), blob.end());
-  };
-  return {std::get<EstimateRecord>(*record), bytes(1), bytes(2), bytes(3)};
+  const std::scoped_lock guard(impl_->mutex);
+  return impl_->rows.stored_frame(frame);
 }
 
 AnchorReport FlightStore::look_of(std::size_t frame) const {
   const std::scoped_lock guard(impl_->mutex);
-  auto row = impl_->database->prepare("SELECT anchor FROM estimate WHERE frame = ? AND kind = 'online'");
-  const bool found = row.bind(1, signed_of(frame)).step();
-  const auto record = found ? decode(Topic::anchor, row.blob(0)) : std::nullopt;
-  if (!record) refuse_damaged(impl_->database->path(), fmt::format("no readable look of frame {}", frame));
-  return std::get<AnchorRecord>(*record).anchor;
+  return impl_->rows.look_of(frame);
 }
 
 // ---- What people say
@@ -596,7 +349,7 @@ UserFix FlightStore::add_fix(UserFix said, UtcMillis now) {
                         {"radius_m", said.radius_m},
                         {"by", said.by}};
     if (said.frame) body["of_frame"] = *said.frame;
-    s.insert_event({FlightEventKind::user_fix, said.before_frame, json_text(body)}, now);
+    s.rows.insert_event({FlightEventKind::user_fix, said.before_frame, json_text(body)}, now);
   });
   return said;
 }
@@ -616,7 +369,7 @@ std::optional<UserFix> FlightStore::withdraw_fix(std::int64_t id, UtcMillis now)
   const std::scoped_lock guard(s.mutex);
   s.transaction("withdraw", [&] {
     if (!s.annotations.withdraw_fix(id, s.next_frame(), now)) return;
-    s.insert_event({FlightEventKind::fix_withdrawn, std::nullopt, json_text({{"fix", id}})}, now);
+    s.rows.insert_event({FlightEventKind::fix_withdrawn, std::nullopt, json_text({{"fix", id}})}, now);
   });
   for (UserFix& fix : s.annotations.fixes()) {
     if (fix.id == id) return std::move(fix);
@@ -625,7 +378,7 @@ std::optional<UserFix> FlightStore::withdraw_fix(std::int64_t id, UtcMillis now)
 }
 
 void FlightStore::Impl::insert_object_event(std::int64_t object, UtcMillis now) {
-  insert_event({FlightEventKind::objects_changed, std::nullopt, json_text({{"object", object}})}, now);
+  rows.insert_event({FlightEventKind::objects_changed, std::nullopt, json_text({{"object", object}})}, now);
 }
 
 MarkedObject FlightStore::add_object(std::string_view name, const MarkedSighting& first, std::string_view by,
@@ -709,74 +462,36 @@ void FlightStore::put_estimates(EstimateKind kind, std::span<const Estimate> est
                  .found = fmt::format("{} of {}", name_of(kind), count(estimates.size(), "frame"))});
   }
   s.transaction("estimates", [&] {
-    s.database->prepare("DELETE FROM estimate WHERE kind = ?").bind(1, name_of(kind)).run();
-    for (std::size_t i = 0; i < estimates.size(); ++i) s.insert_estimate(kind, {i, estimates[i], {}, {}}, nullptr);
-    for (const StoredFlightEvent& event : events) s.insert_event(event, now);
+    s.rows.replace_estimates(kind, estimates);
+    for (const StoredFlightEvent& event : events) s.rows.insert_event(event, now);
   });
 }
 
 void FlightStore::append_event(const StoredFlightEvent& event, UtcMillis now) {
   const std::scoped_lock guard(impl_->mutex);
-  impl_->transaction("event", [&] { impl_->insert_event(event, now); });
+  impl_->transaction("event", [&] { impl_->rows.insert_event(event, now); });
 }
 
 // ---- Reading
 
 std::vector<Estimate> FlightStore::estimates(EstimateKind kind, std::size_t first, std::size_t most) const {
   const std::scoped_lock guard(impl_->mutex);
-  std::vector<Estimate> estimates;
-  auto rows =
-      impl_->database->prepare("SELECT record FROM estimate WHERE kind = ? AND frame >= ? ORDER BY frame LIMIT ?");
-  rows.bind(1, name_of(kind)).bind(2, signed_of(std::min(first, std::size_t{INT32_MAX})));
-  rows.bind(3, signed_of(std::min(most, std::size_t{INT32_MAX})));
-  while (rows.step()) {
-    const auto record = decode(Topic::estimate, rows.blob(0));
-    if (!record) refuse_damaged(impl_->database->path(), "an estimate that cannot be read");
-    estimates.push_back(std::get<EstimateRecord>(*record).estimate);
-  }
-  return estimates;
+  return impl_->rows.estimates(kind, first, most);
 }
 
 std::vector<FlightSegment> FlightStore::segments() const {
   const std::scoped_lock guard(impl_->mutex);
-  std::vector<FlightSegment> segments;
-  auto rows = impl_->database->prepare(
-      "SELECT segment, first_frame, last_frame, state, anchored_frame FROM segment ORDER BY segment");
-  while (rows.step()) {
-    FlightSegment& segment = segments.emplace_back();
-    segment.number = static_cast<int>(rows.integer(0));
-    segment.first_frame = static_cast<std::size_t>(rows.integer(1));
-    segment.last_frame = static_cast<std::size_t>(rows.integer(2));
-    for (const SegmentState state : {SegmentState::floating, SegmentState::anchored, SegmentState::merged}) {
-      if (rows.text(3) == name_of(state)) segment.state = state;
-    }
-    if (!rows.is_null(4)) segment.anchored_frame = static_cast<std::size_t>(rows.integer(4));
-  }
-  return segments;
+  return impl_->rows.segments();
 }
 
 std::int64_t FlightStore::last_event() const {
   const std::scoped_lock guard(impl_->mutex);
-  return impl_->scalar("SELECT ifnull(max(id), 0) FROM event");
+  return impl_->rows.last_event();
 }
 
 std::vector<EventRow> FlightStore::events_after(std::int64_t id, std::size_t most) const {
   const std::scoped_lock guard(impl_->mutex);
-  std::vector<EventRow> events;
-  auto rows =
-      impl_->database->prepare("SELECT id, time_ms, kind, frame, body FROM event WHERE id > ? ORDER BY id LIMIT ?");
-  rows.bind(1, id).bind(2, signed_of(most));
-  while (rows.step()) {
-    const auto kind = parse_flight_event(rows.text(2));
-    if (!kind) refuse_damaged(impl_->database->path(), "an unknown event");
-    EventRow& row = events.emplace_back();
-    row.id = rows.integer(0);
-    row.time = {rows.integer(1)};
-    row.event.kind = *kind;
-    if (!rows.is_null(3)) row.event.frame = static_cast<std::size_t>(rows.integer(3));
-    row.event.body = rows.text(4);
-  }
-  return events;
+  return impl_->rows.events_after(id, most);
 }
 
 }  // namespace nadir

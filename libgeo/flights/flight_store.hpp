@@ -33,6 +33,7 @@
 #include "estimation/telemetry.hpp"
 #include "flights/flight_annotations.hpp"
 #include "flights/flight_database.hpp"
+#include "flights/flight_rows.hpp"
 #include "flights/picture_intake.hpp"
 #include "flights/segment_tracker.hpp"
 #include "geodesy/lon_lat.hpp"
@@ -41,17 +42,6 @@
 namespace nadir {
 
 inline constexpr std::string_view kPicturesFolder = "pictures";
-
-// What a flight is localized with. It never changes.
-struct FlightDescription {
-  std::string name;
-  std::string package;      // where its map lies, as its owner calls it; empty: odometry alone
-  std::string camera_text;  // camera.yaml as it was given; empty: only the values in `session` are known
-  SessionRecord session;    // every bit that the localizer starts from
-};
-
-// Whether both give the same localizer.
-bool same_flight(const FlightDescription& one, const FlightDescription& other);
 
 struct FlightStoreOptions {
   StoreSync sync = StoreSync::every_commit;
@@ -62,56 +52,12 @@ struct FlightStoreOptions {
   FlightCommitHook hook;
 };
 
-enum class PictureState { accepted, processed, refused };
-std::string_view name_of(PictureState state);
-
-struct PictureRow {
-  std::optional<std::size_t> frame;  // from 0 without gaps; nothing: refused
-  std::string name;
-  PictureState state = PictureState::accepted;
-  std::string reason;            // of a refused one: "PROBLEM: text"
-  std::optional<Sha256> sha256;  // of pictures that the store keeps
-  std::uint64_t bytes = 0;
-  int width = 0, height = 0;
-  Telemetry telemetry;
-};
-
-struct EventRow {
-  std::int64_t id = 0;  // grows, from 1
-  UtcMillis time;
-  StoredFlightEvent event;
-};
-
 // A frame to be processed. Until put_frame() or abandon_frame() no other is begun.
 struct BegunFrame {
   std::size_t frame = 0;
   Telemetry telemetry;
   std::vector<UserFix> fixes;
 };
-
-// The results of a frame. Images of the look are JPEG, empty where they are not kept.
-struct ProcessedFrame {
-  std::size_t frame = 0;
-  Bytes answers;          // encode_answers()
-  EstimateRecord online;  // with its latency
-  AnchorReport anchor;
-  Bytes seen, map;
-  std::optional<std::uint64_t> picture_bytes;  // of a picture outside: so many had been read
-  std::vector<FlightSegment> segments;         // that began or changed
-  std::vector<StoredFlightEvent> events;
-};
-
-struct StoredFrame {
-  EstimateRecord online;
-  Bytes answers, seen, map;
-};
-
-enum class EstimateKind {
-  online,   // as it was known when the frame was processed
-  refined,  // by smoothing over the whole flight
-  adjusted  // by block adjustment
-};
-std::string_view name_of(EstimateKind kind);
 
 class FlightStore {
  public:
