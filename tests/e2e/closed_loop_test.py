@@ -47,7 +47,7 @@ class Flight(support.EndToEnd):
         self.assertGreater(summary["gps_input"].get("accepted", 0), 100, summary["gps_input"])
         self.assertLess(summary["fix_error_m"]["max"], 50)
         self.assertLess(summary["deviation_m"]["max"], 60)
-        self.assertEqual(0, summary["resets_by_gps_input"])
+        self.assertEqual(0, summary["resets_by_gps_input"], summary["resets"])
         self.assertEqual(0, summary["link"]["refused"])
         self.assertNotIn("Nadir: airframe file is not signed", [event.get("text") for event in summary["events"]])
         page = (out / "live.html").read_text(encoding="utf-8")
