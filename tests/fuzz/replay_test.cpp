@@ -64,6 +64,9 @@ const std::vector<Target>& targets() {
                                        {"ulog", fuzz::ulog},
                                        {"tlog", fuzz::tlog},
                                        {"photo_metadata", fuzz::photo_metadata},
+                                       {"answers", fuzz::answers},
+                                       {"flight_rows", fuzz::flight_rows},
+                                       {"flight_file", fuzz::flight_file},
                                        {"mavlink", fuzz::mavlink},
                                        {"mcap", fuzz::mcap}};
   return all;

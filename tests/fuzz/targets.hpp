@@ -60,6 +60,10 @@ void ulog(std::string_view bytes);            // a log of PX4
 void tlog(std::string_view bytes);            // a log of a ground station
 void photo_metadata(std::string_view bytes);  // EXIF and XMP
 
+void answers(std::string_view bytes);      // of vision, in a stored flight
+void flight_rows(std::string_view bytes);  // rows of a stored flight that is otherwise sound
+void flight_file(std::string_view bytes);  // its file's bytes
+
 void mavlink(std::string_view bytes);  // a stream from the autopilot
 
 }  // namespace nadir::fuzz
