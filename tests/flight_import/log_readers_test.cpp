@@ -3,12 +3,17 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdlib>
+#include <filesystem>
 #include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/input_file.hpp"
 #include "flight_import/ardupilot_log.hpp"
 #include "flight_import/mavlink_log.hpp"
 #include "flight_import/px4_log.hpp"
@@ -176,6 +181,57 @@ TEST_P(IndependentReader, FindsTheSame) {
     ASSERT_NEAR(theirs["positions"][i][2].get<double>(), ours.positions[i].place.lon_deg, 1e-9);
   }
   EXPECT_EQ(theirs["triggers"], ours.triggers.size());
+}
+
+// Logs that people flew, of any kind: NADIR_LOGS=FOLDER. None are kept here: they are other people's.
+TEST(RealLogs, AreReadAsByTheirOwnTools) {
+  const char* folder = std::getenv("NADIR_LOGS");
+  if (folder == nullptr) GTEST_SKIP() << "NOT TESTED: no real logs; NADIR_LOGS=FOLDER names some";
+  std::size_t judged_logs = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    const auto format = [&]() -> const Format* {
+      for (int i = 0; i < 3; ++i) {
+        LogStream stream{InputFile(entry.path())};
+        if (format_of(i).is(stream)) return &format_of(i);
+      }
+      return nullptr;
+    }();
+    if (format == nullptr) continue;
+    SCOPED_TRACE(entry.path());
+    const test::ProcessResult judged =
+        test::run_process({NADIR_PYTHON, "-B", NADIR_LOG_JUDGE, format->name, entry.path().string()});
+    if (judged.code == 77) continue;
+    ASSERT_EQ(judged.code, 0) << judged.err;
+    ++judged_logs;
+    const auto theirs = nlohmann::json::parse(judged.out);
+    LogStream stream{InputFile(entry.path())};
+    const FlightLog ours = format->read(stream);
+    // A reader that keeps the order of time may drop what steps back; nothing is made up.
+    std::map<long long, nlohmann::json> by_time_us;
+    for (const auto& row : theirs["attitudes"]) by_time_us[std::llround(row[0].get<double>() * 1e6)] = row;
+    std::size_t unknown = 0;
+    double worst_deg = 0;
+    for (const auto& [time_s, attitude] : ours.attitudes) {
+      const auto found = by_time_us.find(std::llround(time_s * 1e6));
+      unknown += found == by_time_us.end();
+      if (found == by_time_us.end()) continue;
+      worst_deg =
+          std::max({worst_deg, std::abs(found->second[1].get<double>() - degrees(attitude.roll_rad)),
+                    std::abs(found->second[2].get<double>() - degrees(attitude.pitch_rad)),
+                    degrees(std::abs(wrap_pi(radians(found->second[3].get<double>()) - attitude.heading_rad)))});
+    }
+    EXPECT_GT(ours.attitudes.size(), 100U);
+    EXPECT_EQ(unknown, 0U);
+    EXPECT_GE(static_cast<double>(ours.attitudes.size()), 0.99 * static_cast<double>(by_time_us.size()));
+    EXPECT_LT(worst_deg, 0.2);  // PX4's quaternions and pyulog's angles are rounded differently
+    EXPECT_NEAR(static_cast<double>(ours.positions.size()), static_cast<double>(theirs["positions"].size()),
+                1 + 0.01 * static_cast<double>(theirs["positions"].size()));
+    fmt::print("{}: {}, {} attitudes (theirs {}), worst {:.4f} deg; {} positions ({}), {} heights ({}), {} triggers\n",
+               entry.path().filename().string(), ours.format, ours.attitudes.size(), theirs["attitudes"].size(),
+               worst_deg, ours.positions.size(), theirs["positions"].size(), ours.home_heights.size(),
+               theirs["heights"].size(), ours.triggers.size());
+  }
+  EXPECT_GT(judged_logs, 0U) << "no log in " << folder;
 }
 
 TEST(DataflashLog, WrongOrderJumpsAndNotANumber) {
