@@ -13,7 +13,7 @@ import time
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "api"))
-from browser import Browser, find_chromium  # noqa: E402
+from browser import Browser, find_axe, find_chromium  # noqa: E402
 from loop.hands import HostClock  # noqa: E402
 from support import AT, NADIRD, EndToEnd, main, run  # noqa: E402
 
@@ -120,9 +120,41 @@ class Pipeline(EndToEnd):
             self.assertEqual(dots == 0, browser.evaluate("document.getElementById('stanford-card').hidden"))
             self.assertEqual([], browser.complaints())
             self.assertEqual([], [url for url in browser.requested() if url != report and not url.startswith("data:")])
+            self.has_no_barriers(browser)
         figures = json.loads((self.folder / "truth" / "summary.json").read_text())["integrity"]
         self.assertEqual(len(levels), figures["scored"])
         self.assertEqual(len(levels), sum(figures[region] for region in ("available", "misleading", "hazardously_misleading", "unavailable", "unavailable_misleading")))
+
+    def test_the_report_of_a_package_draws_its_coverage(self):
+        if not find_chromium():
+            self.skipTest("no chromium here")
+        self.keys()
+        package = self.build()
+        text = (package / "mission" / "mission.yaml").read_text()
+        beyond = self.folder / "beyond.yaml"  # a corridor that is wider than the map
+        beyond.write_text(re.sub(r"corridor_half_width_m: *[0-9.]+", "corridor_half_width_m: 900", text))
+        self.fails(1, "cache", "validate", package / "imagery" / "base.mbtiles", "--mission", beyond, "--at", AT, "--report", self.folder / "found")
+        browser = Browser(1280, 900)
+        self.addCleanup(browser.close)
+        report = (self.folder / "found" / "report.html").as_uri()
+        browser.open(report)
+        browser.wait_for("document.querySelector('#map .route') !== null")
+        self.assertGreater(browser.evaluate("document.querySelectorAll('#map .gap-area').length"), 0)
+        self.assertGreater(browser.evaluate("document.querySelectorAll('#readout dt').length"), 0)
+        gaps = "getComputedStyle(document.querySelector('#map .gap-area')).fill"
+        self.assertIn("#hatch", browser.evaluate(gaps))
+        shown = browser.evaluate("document.querySelectorAll('#map .route').length")
+        browser.evaluate("[...document.querySelectorAll('#layers label')].find((label) => label.textContent === 'route').click()")
+        self.assertLess(browser.evaluate("document.querySelectorAll('#map .route').length"), shown)
+        self.assertEqual([], browser.complaints())
+        self.assertEqual([], [url for url in browser.requested() if url != report and not url.startswith("data:")])
+        self.has_no_barriers(browser)
+
+    def has_no_barriers(self, browser):
+        if find_axe() is None:
+            print("NOT TESTED: barriers; this Python has no axe-playwright-python", file=sys.stderr)
+            return
+        self.assertEqual([], browser.barriers(find_axe()))
 
     def test_without_a_start_there_is_no_estimate_until_a_match(self):
         self.keys()

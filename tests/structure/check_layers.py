@@ -54,7 +54,7 @@ ALLOWED = {
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
     "commands": "base geodesy imagery trust package vision estimation ortho recorder flights replay mavlink upload raster package_build catalogue "
-                "simulation provision flight_import cli report verify_request nadird_client desk",
+                "simulation provision flight_import cli report map_page verify_request nadird_client desk",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }

@@ -16,6 +16,7 @@
 #include "base/printable.hpp"
 #include "cli/nadir_version.hpp"
 #include "geodesy/web_mercator.hpp"
+#include "map_page/map_page.hpp"
 #include "package/coverage_gaps.hpp"
 #include "package/coverage_requirement.hpp"
 #include "package/mission_check.hpp"
@@ -363,9 +364,10 @@ std::string cache_report_html(const CacheReport& report) {
   data["generator"] = fmt::format("Created by nadir {}", kVersion);
   data["map"] = report.mission ? coverage_map(report) : json();
   const std::string text = script_safe(data), title = html_escaped(report.title);
-  return fill_page(
-      cache_report_page::html,
-      {{"title", title}, {"style", cache_report_page::style}, {"data", text}, {"script", cache_report_page::script}});
+  const std::string style = fmt::format("{}\n{}", map_page::leaflet_style, cache_report_page::style);
+  const std::string script = fmt::format("{}\n{}{}{}", map_page::leaflet_script, cache_report_page::dom,
+                                         map_page::base_map, cache_report_page::script);
+  return fill_page(cache_report_page::html, {{"title", title}, {"style", style}, {"data", text}, {"script", script}});
 }
 
 void write_cache_report(const std::filesystem::path& folder, const CacheReport& report) {

@@ -20,7 +20,8 @@ namespace nadir::cache_report_page {
 
 extern const std::string_view html;  // with the places {{title}}, {{style}}, {{data}}, {{script}}
 extern const std::string_view style;
-extern const std::string_view script;
+extern const std::string_view dom;     // libgeo/report/dom.js
+extern const std::string_view script;  // after Leaflet, dom, and base_map.js of map_page
 
 }  // namespace nadir::cache_report_page
 

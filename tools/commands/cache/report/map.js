@@ -1,124 +1,120 @@
-// The map: tiles coloured by age, what is missing, sectors, corridor and route; pan and zoom.
+// The map, on the map of our pages (base_map.js): tiles coloured by age, what is missing, sectors, corridor and route. In
+// metres of the map's plane from its north-west: east is Leaflet's longitude, south its latitude, negative.
 
 const data = JSON.parse(document.getElementById("data").textContent);
 const map = data.map;
 
 const groundArea = (m2) => m2 >= 1e6 ? (m2 / 1e6).toFixed(2) + " km²" : Math.round(m2).toLocaleString("en") + " m²";
 
-// Colour by the share of the allowed age that is used up; without dates all that is there looks alike.
-const colourOf = (cell) => {
-  if (cell.state === "spare") return "var(--spare)";
-  if (cell.state === "gap") return "var(--card)";
-  if (cell.state === "stale") return "var(--stale)";
-  if (cell.age == null) return "var(--new)";
-  const used = Math.min(1, Math.max(0, cell.age / cell.limit));
-  return used < .5 ? `color-mix(in srgb, var(--mid) ${200 * used}%, var(--new))`
-                   : `color-mix(in srgb, var(--old) ${200 * used - 100}%, var(--mid))`;
-};
 const stateWords = {
   good: "present and fresh enough", stale: "older than its sector allows", gap: "missing",
   partial: "partly missing", spare: "present, but not required",
 };
 
-const drawMap = (host, onHover) => {
-  const size = map.cell_size;
-  const points = map.cells.flatMap((cell) => [[cell.x, cell.y], [cell.x + size, cell.y + size]]).concat(map.route, ...map.sectors.map((s) => s.points));
-  const xs = points.map((p) => p[0]), ys = points.map((p) => p[1]);
-  const low = (list) => list.reduce((a, b) => Math.min(a, b), Infinity), high = (list) => list.reduce((a, b) => Math.max(a, b), -Infinity);
-  const pad = 0.04 * Math.max(high(xs) - low(xs), high(ys) - low(ys));
-  const home = { x: low(xs) - pad, y: low(ys) - pad, w: high(xs) - low(xs) + 2 * pad, h: high(ys) - low(ys) + 2 * pad };
-  let view = { ...home };
-
-  const svg = svgElement("svg", { role: "img", "aria-label": "Map of coverage and freshness" });
-  const defs = svgElement("defs");
-  const hatch = svgElement("pattern", { id: "hatch", width: 8, height: 8, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" });
-  hatch.append(svgElement("rect", { width: 8, height: 8, fill: "var(--gap)", "fill-opacity": .18 }), svgElement("rect", { width: 3, height: 8, fill: "var(--gap)", "fill-opacity": .8 }));
-  defs.append(hatch);
-  svg.append(defs);
-  const layer = {};
-  for (const name of ["tiles", "matchability", "corridor", "gaps", "sectors", "route"]) svg.append(layer[name] = svgElement("g"));
-
-  const path = (list, closed) => list.map((p, i) => (i ? "L" : "M") + p[0] + " " + p[1]).join("") + (closed ? "Z" : "");
-  for (const cell of map.cells) {
-    const rect = svgElement("rect", { x: cell.x, y: cell.y, width: size, height: size, class: "cell", fill: colourOf(cell) });
-    rect.addEventListener("pointerenter", () => {
-      layer.tiles.querySelector(".selected")?.classList.remove("selected");
-      rect.classList.add("selected");
-      layer.tiles.append(rect);
-      onHover(cell);
-    });
-    layer.tiles.append(rect);
-    if (cell.state === "gap" && map.gaps.length === 0) layer.gaps.append(svgElement("path", { d: `M${cell.x} ${cell.y}h${size}v${size}h${-size}Z`, class: "gap-area" }));
-  }
-  for (const rings of map.gaps) layer.gaps.append(svgElement("path", { d: rings.map((ring) => path(ring, true)).join(""), class: "gap-area" }));
-  drawMatchability(layer, path, onHover);
-  layer.corridor.append(svgElement("path", { d: path(map.route), class: "corridor", "stroke-width": 2 * map.half_width }));
-  for (const sector of map.sectors) {
-    layer.sectors.append(svgElement("path", { d: path(sector.points, true), class: "casing" }), svgElement("path", { d: path(sector.points, true), class: "sector " + sector.class }));
-  }
-  const names = map.sectors.map((sector) => {
-    const west = low(sector.points.map((p) => p[0])), north = low(sector.points.map((p) => p[1]));
-    const label = svgElement("text", { class: "name", x: west, y: north }, sector.id);
-    layer.sectors.append(label);
-    return label;
-  });
-  layer.route.append(svgElement("path", { d: path(map.route), class: "casing" }), svgElement("path", { d: path(map.route), class: "route" }));
-  const start = svgElement("path", { d: `M${map.takeoff[0]} ${map.takeoff[1]}h0`, class: "line", stroke: "var(--route)", "stroke-width": 11 });
-  layer.route.append(svgElement("path", { d: `M${map.takeoff[0]} ${map.takeoff[1]}h0`, class: "line", stroke: "var(--card)", "stroke-width": 15 }), start);
-
-  const scale = element("div", { class: "scale" }, element("span"), element("i"));
-  const north = element("div", { class: "north", title: "north is up" });
-  north.innerHTML = '<svg viewBox="0 0 30 30"><path d="M15 4l5 12h-10zM12.2 25v-7h1.5l2.7 4.3v-4.3h1.4v7h-1.5l-2.7-4.3v4.3z"/></svg>';
-  const buttons = element("div", { class: "buttons" });
-  host.append(svg, scale, north, buttons);
-
-  const unitsPerPixel = () => view.w / host.clientWidth;
-  const apply = () => {
-    svg.setAttribute("viewBox", `${view.x} ${view.y} ${view.w} ${view.h}`);
-    const unit = unitsPerPixel(), wanted = unit * map.metres_per_pixel * 110;
-    const power = 10 ** Math.floor(Math.log10(wanted));
-    const nice = [5, 2, 1].find((n) => n * power <= wanted) * power;
-    scale.firstChild.textContent = nice >= 1000 ? nice / 1000 + " km" : nice + " m";
-    scale.lastChild.style.width = nice / (unit * map.metres_per_pixel) + "px";
-    hatch.setAttribute("patternTransform", `rotate(45) scale(${unit})`);
-    for (const name of names) { name.setAttribute("font-size", 14 * unit); name.setAttribute("dy", -6 * unit); }
-  };
-  const fit = () => {
-    const shape = host.clientWidth / host.clientHeight;
-    const w = Math.max(home.w, home.h * shape), h = w / shape;
-    view = { x: home.x + (home.w - w) / 2, y: home.y + (home.h - h) / 2, w, h };
-    apply();
-  };
-  const zoom = (factor, x = view.x + view.w / 2, y = view.y + view.h / 2) => {
-    const limited = Math.min(Math.max(view.w * factor, home.w / 200), home.w * 4) / view.w;
-    view = { x: x - (x - view.x) * limited, y: y - (y - view.y) * limited, w: view.w * limited, h: view.h * limited };
-    apply();
-  };
-  for (const [sign, title, act] of [["+", "zoom in", () => zoom(.7)], ["−", "zoom out", () => zoom(1 / .7)], ["⤢", "show all", fit]]) {
-    const button = element("button", { title, type: "button", "aria-label": title }, sign);
-    button.addEventListener("click", act);
-    buttons.append(button);
-  }
-  svg.addEventListener("wheel", (event) => {
-    event.preventDefault();
-    const box = svg.getBoundingClientRect();
-    zoom(event.deltaY > 0 ? 1.15 : 1 / 1.15, view.x + (event.clientX - box.left) * unitsPerPixel(), view.y + (event.clientY - box.top) * unitsPerPixel());
-  }, { passive: false });
-  svg.addEventListener("pointermove", (event) => {
-    if (event.buttons !== 1) return;
-    view.x -= event.movementX * unitsPerPixel();
-    view.y -= event.movementY * unitsPerPixel();
-    apply();
-  });
-  addEventListener("resize", fit);
-
-  const shown = [["tiles", "tiles", "var(--mid)"], ...(map.matchability ? [["matchability", "matchability", "var(--match-poor)"]] : []), ["gaps", "gaps", "var(--gap)"], ["sectors", "sectors", "var(--sector)"],
-                 ["corridor", "corridor", "var(--route)"], ["route", "route", "var(--route)"]];
-  for (const [name, label, colour] of shown) {
-    const box = element("input", { type: "checkbox", checked: "" });
-    box.addEventListener("change", () => { layer[name].style.display = box.checked ? "" : "none"; });
-    document.getElementById("layers").append(element("label", {}, box, element("i", { style: "background:" + colour }), label));
-  }
-  fit();
+// Of the page's theme: a canvas knows no variables.
+const themeColours = () => {
+  const style = getComputedStyle(document.documentElement);
+  return (name) => style.getPropertyValue("--" + name).trim();
 };
 
+const mixed = (one, other, share) => {
+  const parts = (colour) => [1, 3, 5].map((i) => parseInt(colour.slice(i, i + 2), 16));
+  const [a, b] = [parts(one), parts(other)];
+  return "#" + a.map((v, i) => Math.round(v + share * (b[i] - v)).toString(16).padStart(2, "0")).join("");
+};
+
+// Colour by the share of the allowed age that is used up; without dates all that is there looks alike.
+const colourOf = (cell, colour) => {
+  if (cell.state === "spare") return colour("spare");
+  if (cell.state === "gap") return colour("card");
+  if (cell.state === "stale") return colour("stale");
+  if (cell.age == null) return colour("new");
+  const used = Math.min(1, Math.max(0, cell.age / cell.limit));
+  return used < .5 ? mixed(colour("new"), colour("mid"), 2 * used) : mixed(colour("mid"), colour("old"), 2 * used - 1);
+};
+
+const hatchOfGaps = `<pattern id="hatch" width="8" height="8" patternUnits="userSpaceOnUse" patternTransform="rotate(45)">
+  <rect width="8" height="8" fill="var(--gap)" fill-opacity=".18"/><rect width="3" height="8" fill="var(--gap)" fill-opacity=".8"/></pattern>`;
+
+const drawMap = (host, onHover) => {
+  const colour = themeColours(), metres = map.metres_per_pixel;
+  const at = ([x, y]) => [-y * metres, x * metres], line = (points) => points.map(at);
+  const square = (x, y, size) => [at([x, y]), at([x + size, y + size])];
+  const { map: shown, renderer } = makeBaseMap(host, { crs: L.CRS.Simple, minZoom: -12, maxZoom: 4, attributionControl: false });
+  const places = map.cells.flatMap((cell) => square(cell.x, cell.y, map.cell_size)).concat(line(map.route), ...map.sectors.map((s) => line(s.points)));
+  const home = L.latLngBounds(places).pad(.04);
+  const fit = () => shown.fitBounds(home, { animate: false });
+  shown.setView(home.getCenter(), 0);
+  host.tabIndex = 0;
+  host.setAttribute("role", "application");
+  host.setAttribute("aria-label", "Map of coverage and freshness. Arrow keys move it, plus and minus zoom.");
+
+  const over = shown.createPane("over");  // lines and hatches: drawn by the style sheet, in both themes
+  over.style.zIndex = 450;
+  over.style.pointerEvents = "none";
+  const drawing = L.svg({ pane: "over", padding: .3 });
+  const layer = {};
+  for (const name of ["tiles", "matchability", "corridor", "gaps", "sectors", "route", "cursor"]) layer[name] = L.layerGroup().addTo(shown);
+  const draw = (group, shape, className) => shape(className).addTo(group);
+  const polygon = (points) => (className) => L.polygon(points, { renderer: drawing, interactive: false, className });
+  const polyline = (points) => (className) => L.polyline(points, { renderer: drawing, interactive: false, className, fill: false });
+  const cased = (group, shape, className) => { draw(group, shape, "casing"); draw(group, shape, className); };
+
+  for (const cell of map.cells) {
+    L.rectangle(square(cell.x, cell.y, map.cell_size), { renderer, interactive: false, color: colour("card"), weight: 1, fillColor: colourOf(cell, colour), fillOpacity: 1 }).addTo(layer.tiles);
+    if (cell.state === "gap" && map.gaps.length === 0) L.rectangle(square(cell.x, cell.y, map.cell_size), { renderer: drawing, interactive: false, className: "gap-area" }).addTo(layer.gaps);
+  }
+  for (const rings of map.gaps) draw(layer.gaps, polygon(rings.map(line)), "gap-area");
+  drawMatchability(layer, { square, renderer, colour, draw: (points, name) => draw(layer.route, polyline(line(points)), name) });
+  const corridor = draw(layer.corridor, polyline(line(map.route)), "corridor");
+  for (const sector of map.sectors) {
+    cased(layer.sectors, polygon(line(sector.points)), "sector " + sector.class);
+    const corner = L.latLngBounds(line(sector.points)).getNorthWest();
+    L.marker(corner, { interactive: false, keyboard: false, icon: L.divIcon({ className: "sector-name", html: element("span", {}, sector.id), iconSize: null }) }).addTo(layer.sectors);
+  }
+  cased(layer.route, polyline(line(map.route)), "route");
+  L.circleMarker(at(map.takeoff), { renderer: drawing, interactive: false, radius: 6, className: "takeoff" }).addTo(layer.route);
+  drawing.addTo(shown);
+  drawing._container.insertAdjacentHTML("afterbegin", `<defs>${hatchOfGaps}</defs>`);
+  // The corridor is as wide as it is on the ground.
+  const widen = () => corridor.setStyle({ weight: Math.max(1, 2 * map.half_width * metres * shown.getZoomScale(shown.getZoom(), 0)) });
+  shown.on("zoomend", widen);
+
+  const all = L.control({ position: "topleft" });
+  all.onAdd = () => {
+    const bar = element("div", { class: "leaflet-bar" }), button = element("button", { type: "button", title: "show all", "aria-label": "show all" }, "⤢");
+    button.addEventListener("click", fit);
+    L.DomEvent.disableClickPropagation(bar);
+    bar.append(button);
+    return bar;
+  };
+  all.addTo(shown);
+
+  // What lies under the pointer: a place of the matchability while that is shown, a tile otherwise.
+  const inside = (x, y, size) => (east, south) => east >= x && east < x + size && south >= y && south < y + size;
+  const under = ({ lat, lng }) => {
+    const [east, south] = [lng / metres, -lat / metres], grid = map.matchability;
+    const place = grid && shown.hasLayer(layer.matchability) && grid.cells.find(([x, y]) => inside(x, y, grid.cell_size)(east, south));
+    if (place) return [place, square(place[0], place[1], grid.cell_size)];
+    const cell = map.cells.find(({ x, y }) => inside(x, y, map.cell_size)(east, south));
+    return [cell, cell && square(cell.x, cell.y, map.cell_size)];
+  };
+  let last = null;
+  shown.on("mousemove click", ({ latlng }) => {
+    const [found, box] = under(latlng);
+    if (!found || found === last) return;
+    last = found;
+    layer.cursor.clearLayers();
+    L.rectangle(box, { renderer, interactive: false, fill: false, color: colour("ink"), weight: 2.5 }).addTo(layer.cursor);
+    onHover(found);
+  });
+
+  const names = [["tiles", "mid"], ...(map.matchability ? [["matchability", "match-poor"]] : []), ["gaps", "gap"], ["sectors", "sector"], ["corridor", "route"], ["route", "route"]];
+  for (const [name, tint] of names) {
+    const box = element("input", { type: "checkbox", checked: "" });
+    box.addEventListener("change", () => { if (box.checked) layer[name].addTo(shown); else layer[name].remove(); });
+    document.getElementById("layers").append(element("label", {}, box, element("i", { style: `background:var(--${tint})` }), name));
+  }
+  fit();
+  widen();
+};

@@ -4,19 +4,14 @@ const matchWords = {
   good: "a frame may anchor on its own", weak: "only where a healthy prediction agrees", poor: "no anchor expected",
 };
 
-const drawMatchability = (layer, path, onHover) => {
+const drawMatchability = (layer, { square, renderer, colour, draw }) => {
   if (!map.matchability) return;
   const { cells, cell_size: size, stretches } = map.matchability;
-  for (const cell of cells) {
-    const rect = svgElement("rect", { x: cell[0], y: cell[1], width: size, height: size, class: "place " + cell[2] });
-    rect.addEventListener("pointerenter", () => {
-      layer.matchability.querySelector(".selected")?.classList.remove("selected");
-      rect.classList.add("selected");
-      onHover(cell);
-    });
-    layer.matchability.append(rect);
+  const looks = { good: .45, weak: .8, poor: .8 };
+  for (const [x, y, name] of cells) {
+    L.rectangle(square(x, y, size), { renderer, interactive: false, color: colour("card"), weight: .5, fillColor: colour("match-" + name), fillOpacity: looks[name] }).addTo(layer.matchability);
   }
-  for (const points of stretches) layer.route.append(svgElement("path", { d: path(points), class: "blind" }));
+  for (const points of stretches) draw(points, "blind");
 };
 
 const showPlace = ([, , name, ratio, score, entropy, texture, valid]) => {
