@@ -4,8 +4,8 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
+#include <ctime>
 #include <utility>
 #include <vector>
 
@@ -18,6 +18,12 @@
 
 namespace nadir {
 namespace {
+
+double thread_cpu_s() {
+  timespec now{};
+  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
 
 // Chosen, all of them; what counts as evidence is the localizer's own (localizer_parameters.hpp).
 constexpr std::size_t kTriedFrames = 6;  // of kDiagnosedFrames, spread evenly
@@ -430,11 +436,8 @@ std::string_view name_of(NoFixCause cause) {
 }
 
 std::optional<NoFixDiagnosis> diagnose_no_fix(const StatedFlight& flight, const DiagnosisBudget& budget) {
-  const auto began = std::chrono::steady_clock::now();
-  const auto elapsed_s = [&] {
-    return budget.elapsed_s ? budget.elapsed_s()
-                            : std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
-  };
+  const double began_s = thread_cpu_s();
+  const auto elapsed_s = [&] { return budget.elapsed_s ? budget.elapsed_s() : thread_cpu_s() - began_s; };
   return NoFixExperiment(flight, budget.cancel).run([&] { return elapsed_s() > budget.seconds; });
 }
 

@@ -90,7 +90,8 @@ struct StatedFlight {
 
 struct DiagnosisBudget {
   double seconds = 60;                  // after which no further hypothesis is tried, but that of another start
-  std::function<double()> elapsed_s{};  // since the call; empty: the steady clock
+  std::function<double()> elapsed_s{};  // since the call; empty: processor time of the calling thread, which does not
+                                        // depend on what else the machine does
   Cancel cancel{};
 };
 

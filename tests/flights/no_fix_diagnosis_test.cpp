@@ -47,7 +47,9 @@ struct WronglyStated {
       images[i] = photograph(elsewhere.ground(), camera.camera, moments[i].truth);
     }
   }
-  std::optional<NoFixDiagnosis> diagnosis() const { return diagnose_no_fix(flight); }
+  std::optional<NoFixDiagnosis> diagnosis() const {
+    return diagnose_no_fix(flight, {.elapsed_s = [] { return 0.0; }});
+  }
 };
 
 void expect_cause(const std::optional<NoFixDiagnosis>& found, NoFixCause cause, const char* text) {
