@@ -42,7 +42,7 @@ constexpr std::array kTables{
     "map BLOB NOT NULL) STRICT",
 
     "CREATE TABLE estimate (frame INTEGER NOT NULL REFERENCES picture (frame), "
-    "kind TEXT NOT NULL CHECK (kind IN ('online', 'refined', 'adjusted')), lat_deg REAL, lon_deg REAL, "
+    "kind TEXT NOT NULL CHECK (kind IN ('online', 'refined', 'adjusted', 'placed')), lat_deg REAL, lon_deg REAL, "
     "sigma_m REAL, cov_ee_m2 REAL, cov_en_m2 REAL, cov_nn_m2 REAL, hpl_m REAL, source TEXT NOT NULL, "
     "segment INTEGER NOT NULL, verdict TEXT NOT NULL, latency_ms REAL, record BLOB NOT NULL, anchor BLOB, "
     "PRIMARY KEY (frame, kind)) STRICT",

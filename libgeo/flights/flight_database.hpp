@@ -15,7 +15,7 @@ namespace nadir {
 class SqliteDatabase;
 
 inline constexpr std::string_view kFlightFile = "flight.sqlite";
-inline constexpr std::int64_t kFlightStoreVersion = 2;
+inline constexpr std::int64_t kFlightStoreVersion = 3;
 
 enum class StoreSync {
   every_commit,  // survives a loss of power

@@ -66,6 +66,7 @@ struct FlightEngine::Impl {
   CameraFile camera;  // of the decoded pictures
   FlightEngineOptions options;
   std::unique_ptr<Running> current;  // none after something went wrong in the middle of a frame
+  std::unique_ptr<SegmentPlacer> placer;
 };
 
 FlightEngine::Impl::Running::Running(const Impl& engine) {
@@ -189,6 +190,31 @@ std::size_t FlightEngine::process(const Cancel& cancel, const FrameListener& lis
   return processed;
 }
 
+bool FlightEngine::place_segments(SegmentPlacer::Scope scope, double seconds, const Cancel& cancel) {
+  Impl& s = *impl_;
+  if (s.setup.tiles == nullptr) return false;
+  if (!s.placer) {
+    s.placer = std::make_unique<SegmentPlacer>(
+        s.store, PlacerSetup{.camera = s.camera,
+                             .frame = s.setup.frame,
+                             .tiles = *s.setup.tiles,
+                             .localizer = s.setup.localizer,
+                             .read = [&s](std::size_t frame) { return s.decode(s.store.read_picture(frame)); },
+                             .clock = s.options.clock});
+  }
+  using std::chrono::steady_clock;
+  const auto end = steady_clock::now() + std::chrono::duration<double>(seconds);
+  bool merged = false, more = true;
+  while (more && steady_clock::now() < end) {
+    const SegmentPlacer::Outcome outcome = s.placer->step(scope, cancel);
+    merged = merged || outcome == SegmentPlacer::Outcome::merged;
+    more = outcome != SegmentPlacer::Outcome::nothing_to_do;
+  }
+  if (merged)
+    s.store.put_estimates(EstimateKind::refined, s.running({}, cancel).localizer->refined(), {}, s.options.clock());
+  return more;
+}
+
 void FlightEngine::complete() {
   Impl& s = *impl_;
   const std::vector<Estimate> online = s.store.estimates(EstimateKind::online);
@@ -206,10 +232,16 @@ void FlightEngine::complete() {
                             {"segments", segments.size()},
                             {"floating_segments", floating}};
   const StoredFlightEvent event{FlightEventKind::flight_completed, std::nullopt, body.dump()};
-  s.store.put_estimates(EstimateKind::refined, refined(), {&event, 1}, s.options.clock());
+  s.store.put_estimates(EstimateKind::refined, s.running({}, {}).localizer->refined(), {&event, 1}, s.options.clock());
 }
 
-std::vector<Estimate> FlightEngine::refined() { return impl_->running({}, {}).localizer->refined(); }
+std::vector<Estimate> FlightEngine::refined() {
+  std::vector<Estimate> refined = impl_->running({}, {}).localizer->refined();
+  for (const EstimateRecord& placed : impl_->store.placed_estimates()) {
+    if (placed.index < refined.size()) refined[placed.index] = placed.estimate;
+  }
+  return refined;
+}
 
 std::vector<std::optional<FramePose>> FlightEngine::refined_poses() {
   return impl_->running({}, {}).localizer->refined_poses();

@@ -22,6 +22,7 @@
 #include "base/time.hpp"
 #include "estimation/localizer.hpp"
 #include "flights/flight_store.hpp"
+#include "flights/segment_placer.hpp"
 
 namespace nadir {
 
@@ -60,10 +61,15 @@ class FlightEngine {
   // both leave the flight as it was after the last complete frame, and process() may be called again.
   std::size_t process(const Cancel& cancel = {}, const FrameListener& listener = {});
 
+  // Places floating segments as wholes (segment_placer.hpp), for about so long. Of a flight that goes on only those
+  // that no further frame can continue. True: there is more to do. Where one was merged, refined estimates of all
+  // frames so far are stored. Throws Interrupted when cancelled, and may be called again then.
+  bool place_segments(SegmentPlacer::Scope scope, double seconds, const Cancel& cancel = {});
+
   // Smooths the whole flight, and stores its refined estimates. Again after further pictures.
   void complete();
 
-  // Of all frames that were processed (Localizer).
+  // Of all frames that were processed (Localizer); of merged segments as they were placed.
   std::vector<Estimate> refined();
   std::vector<std::optional<FramePose>> refined_poses();
 

@@ -48,6 +48,7 @@ std::string_view name_of(EstimateKind kind) {
     case EstimateKind::online: return "online";
     case EstimateKind::refined: return "refined";
     case EstimateKind::adjusted: return "adjusted";
+    case EstimateKind::placed: return "placed";
   }
   return {};
 }
@@ -285,7 +286,11 @@ void FlightRows::insert_estimate(EstimateKind kind, const EstimateRecord& record
 
 std::vector<Estimate> FlightRows::estimates(EstimateKind kind, std::size_t first, std::size_t most) const {
   std::vector<Estimate> estimates;
-  auto rows = database_.prepare("SELECT record FROM estimate WHERE kind = ? AND frame >= ? ORDER BY frame LIMIT ?");
+  auto rows = database_.prepare(
+      kind == EstimateKind::refined
+          ? "SELECT ifnull(p.record, e.record) FROM estimate e LEFT JOIN estimate p ON p.frame = e.frame AND "
+            "p.kind = 'placed' WHERE e.kind = ? AND e.frame >= ? ORDER BY e.frame LIMIT ?"
+          : "SELECT record FROM estimate WHERE kind = ? AND frame >= ? ORDER BY frame LIMIT ?");
   rows.bind(1, name_of(kind)).bind(2, signed_of(std::min(first, std::size_t{INT32_MAX})));
   rows.bind(3, signed_of(std::min(most, std::size_t{INT32_MAX})));
   while (rows.step()) {
@@ -296,9 +301,32 @@ std::vector<Estimate> FlightRows::estimates(EstimateKind kind, std::size_t first
   return estimates;
 }
 
+std::vector<EstimateRecord> FlightRows::placed_estimates() const {
+  std::vector<EstimateRecord> placed;
+  auto rows = database_.prepare("SELECT record FROM estimate WHERE kind = 'placed' ORDER BY frame");
+  while (rows.step()) {
+    const auto record = decode(Topic::estimate, rows.blob(0));
+    if (!record) refuse_damaged("an estimate that cannot be read");
+    placed.push_back(std::get<EstimateRecord>(*record));
+  }
+  return placed;
+}
+
 // ---- Segments and events
 
+void FlightRows::insert_merged_segment(const FlightSegment& segment, std::span<const EstimateRecord> placed) const {
+  insert_segment(segment);
+  for (const EstimateRecord& record : placed) insert_estimate(EstimateKind::placed, record, nullptr);
+}
+
 void FlightRows::insert_segment(const FlightSegment& segment) const {
+  database_
+      .prepare(
+          "DELETE FROM estimate WHERE kind = 'placed' AND segment = ? AND EXISTS (SELECT 1 FROM segment WHERE "
+          "segment = ? AND state = 'merged')")
+      .bind(1, std::int64_t{segment.number})
+      .bind(2, std::int64_t{segment.number})
+      .run();
   auto insert = database_.prepare(
       "INSERT OR REPLACE INTO segment (segment, first_frame, last_frame, state, anchored_frame) "
       "VALUES (?, ?, ?, ?, ?)");
@@ -338,6 +366,22 @@ void FlightRows::insert_event(const StoredFlightEvent& event, UtcMillis now) con
     insert.bind_null(3);
   }
   insert.bind(4, event.body).run();
+}
+
+bool FlightRows::has_event(const StoredFlightEvent& event) const {
+  auto row = database_.prepare("SELECT 1 FROM event WHERE kind = ? AND frame IS ? AND body = ?");
+  row.bind(1, name_of(event.kind));
+  if (event.frame) {
+    row.bind(2, signed_of(*event.frame));
+  } else {
+    row.bind_null(2);
+  }
+  return row.bind(3, event.body).step();
+}
+
+bool FlightRows::has_event(FlightEventKind kind, std::size_t frame) const {
+  auto row = database_.prepare("SELECT 1 FROM event WHERE kind = ? AND frame = ?");
+  return row.bind(1, name_of(kind)).bind(2, signed_of(frame)).step();
 }
 
 std::int64_t FlightRows::last_event() const { return scalar("SELECT ifnull(max(id), 0) FROM event"); }

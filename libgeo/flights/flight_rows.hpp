@@ -77,9 +77,10 @@ struct StoredFrame {
 };
 
 enum class EstimateKind {
-  online,   // as it was known when the frame was processed
-  refined,  // by smoothing over the whole flight
-  adjusted  // by block adjustment
+  online,    // as it was known when the frame was processed
+  refined,   // by smoothing over the whole flight
+  adjusted,  // by block adjustment
+  placed     // of the frames of merged segments only, by their placement; shown as refined ones
 };
 std::string_view name_of(EstimateKind kind);
 
@@ -116,12 +117,18 @@ class FlightRows {
 
   // In the order of frames, from 0; they replace all of that kind.
   void replace_estimates(EstimateKind kind, std::span<const Estimate> estimates) const;
+  // Of refined ones those of merged segments are the placed ones, whatever else was stored for their frames.
   std::vector<Estimate> estimates(EstimateKind kind, std::size_t first, std::size_t most) const;
+  std::vector<EstimateRecord> placed_estimates() const;  // by frame
 
-  void insert_segment(const FlightSegment& segment) const;  // or replaces it
+  // Or replaces it: one that was merged and is something else again has no placed estimates any more.
+  void insert_segment(const FlightSegment& segment) const;
+  void insert_merged_segment(const FlightSegment& segment, std::span<const EstimateRecord> placed) const;
   std::vector<FlightSegment> segments() const;
 
   void insert_event(const StoredFlightEvent& event, UtcMillis now) const;
+  bool has_event(const StoredFlightEvent& event) const;  // the same, at any time
+  bool has_event(FlightEventKind kind, std::size_t frame) const;
   std::int64_t last_event() const;
   std::vector<EventRow> events_after(std::int64_t id, std::size_t most) const;
 

@@ -456,7 +456,7 @@ void FlightStore::put_estimates(EstimateKind kind, std::span<const Estimate> est
                                 std::span<const StoredFlightEvent> events, UtcMillis now) {
   Impl& s = *impl_;
   const std::scoped_lock guard(s.mutex);
-  if (kind == EstimateKind::online || estimates.size() > s.processed) {
+  if (kind == EstimateKind::online || kind == EstimateKind::placed || estimates.size() > s.processed) {
     throw Error({.what = "estimates are stored that belong to no processed frames",
                  .expected = fmt::format("refined or adjusted ones of at most {}", count(s.processed, "frame")),
                  .found = fmt::format("{} of {}", name_of(kind), count(estimates.size(), "frame"))});
@@ -470,6 +470,58 @@ void FlightStore::put_estimates(EstimateKind kind, std::span<const Estimate> est
 void FlightStore::append_event(const StoredFlightEvent& event, UtcMillis now) {
   const std::scoped_lock guard(impl_->mutex);
   impl_->transaction("event", [&] { impl_->rows.insert_event(event, now); });
+}
+
+void FlightStore::append_event_once(const StoredFlightEvent& event, UtcMillis now) {
+  const std::scoped_lock guard(impl_->mutex);
+  impl_->transaction("event", [&] {
+    if (!impl_->rows.has_event(event)) impl_->rows.insert_event(event, now);
+  });
+}
+
+bool FlightStore::merge_segment(const FlightSegment& floating, std::span<const EstimateRecord> placed,
+                                const StoredFlightEvent& event, UtcMillis now) {
+  Impl& s = *impl_;
+  const std::scoped_lock guard(s.mutex);
+  const auto segments = s.rows.segments();
+  if (std::find(segments.begin(), segments.end(), floating) == segments.end() ||
+      floating.state != SegmentState::floating ||
+      s.rows.has_event(FlightEventKind::merge_withdrawn, floating.first_frame)) {
+    return false;
+  }
+  FlightSegment merged = floating;
+  merged.state = SegmentState::merged;
+  s.transaction("merge", [&] {
+    s.rows.insert_merged_segment(merged, placed);
+    s.rows.insert_event(event, now);
+  });
+  return true;
+}
+
+bool FlightStore::take_back_merge(int segment, std::string_view by, UtcMillis now) {
+  Impl& s = *impl_;
+  const std::scoped_lock guard(s.mutex);
+  for (FlightSegment& merged : s.rows.segments()) {
+    if (merged.number != segment || merged.state != SegmentState::merged) continue;
+    merged.state = SegmentState::floating;
+    s.transaction("release", [&] {
+      s.rows.insert_segment(merged);
+      const nlohmann::json body{{"segment", segment}, {"by", printable(by.substr(0, 255))}};
+      s.rows.insert_event({FlightEventKind::merge_withdrawn, merged.first_frame, json_text(body)}, now);
+    });
+    return true;
+  }
+  return false;
+}
+
+bool FlightStore::merge_taken_back(const FlightSegment& segment) const {
+  const std::scoped_lock guard(impl_->mutex);
+  return impl_->rows.has_event(FlightEventKind::merge_withdrawn, segment.first_frame);
+}
+
+std::vector<EstimateRecord> FlightStore::placed_estimates() const {
+  const std::scoped_lock guard(impl_->mutex);
+  return impl_->rows.placed_estimates();
 }
 
 // ---- Reading

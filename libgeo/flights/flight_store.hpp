@@ -127,6 +127,17 @@ class FlightStore {
   void put_estimates(EstimateKind kind, std::span<const Estimate> estimates, std::span<const StoredFlightEvent> events,
                      UtcMillis now);
   void append_event(const StoredFlightEvent& event, UtcMillis now);
+  // Unless the same one was appended before: for what is done again after a kill.
+  void append_event_once(const StoredFlightEvent& event, UtcMillis now);
+
+  // A floating segment was placed as a whole (segment_placement.hpp): estimates of all of its frames, which are shown
+  // as refined ones from now on. False, and nothing is stored: it has changed meanwhile, or a person has taken it back.
+  bool merge_segment(const FlightSegment& floating, std::span<const EstimateRecord> placed,
+                     const StoredFlightEvent& event, UtcMillis now);
+  // A person says that it is wrong: the segment floats again, for ever. False: it is not merged.
+  bool take_back_merge(int segment, std::string_view by, UtcMillis now);
+  bool merge_taken_back(const FlightSegment& segment) const;
+  std::vector<EstimateRecord> placed_estimates() const;  // of merged segments, by frame
 
   // ---- Reading
 

@@ -19,14 +19,14 @@ namespace belief = parameters::belief;
 // Chosen, all of them; what counts as evidence is the localizer's own (localizer_parameters.hpp).
 constexpr std::size_t kEvidenceFrames = 8;  // of a segment, that are looked at
 constexpr std::size_t kSeedFrames = 3;      // of these, that are searched
-constexpr int kLooksOfRung = 64;            // at all hypotheses: bounds the time
+constexpr int kLooksOfSeed = 24;            // at all hypotheses: bounds the time
 constexpr std::size_t kHypotheses = 40;     // of a segment: likewise
 constexpr std::size_t kMaxParts = 36;       // of the area, of each seed: likewise
 constexpr int kLeastHits = 2;
 constexpr double kLeastFootprints = 1.5;           // of ground that the hits show
 constexpr std::size_t kRivals = 4;                 // hypotheses beside the best one that are looked at …
 constexpr std::size_t kRivalLooks = 2;             // … in so many frames
-constexpr double kHopeless = -9.0;                 // nats: a hypothesis below is not looked at any more
+constexpr double kHopeless = 2.5;                  // nats lost to misses: such a hypothesis is not looked at any more
 constexpr double kWindow_m = 60;                   // half the least side of a look's window, as the localizer's
 constexpr double kWindowSigmas = 3;                // half the side in σ of the predicted place
 constexpr double kFoundSigma_m = 15;               // of a place that a search found, one axis; before its own look
@@ -118,6 +118,8 @@ struct SegmentPlacement::Search {
   PlaneBox box{};          // camera positions of the seed's frame
   double searched_m2 = 0;  // by all searches of this rung
   double shared_by = 1;    // frames that are searched in this rung
+
+  bool goes_on(const Search& before) const { return rung == before.rung && seed == before.seed; }
 };
 
 struct SegmentPlacement::Hypothesis {
@@ -127,12 +129,14 @@ struct SegmentPlacement::Hypothesis {
   std::size_t seed = 0;
   double likeness = 0;
   double log_odds = 0;              // against "somewhere else"
+  double begun_with = 0;            // of that
   std::vector<std::size_t> left;    // indices to be looked at, the next one last
   std::vector<std::size_t> looked;  // indices that were
   int hits = 0;
-  double footprints = 0;  // of ground that the hits show
+  std::optional<double> map_ce90_m;  // of the hits, the worst
+  double footprints = 0;             // of ground that the hits show
 
-  bool hopeless() const { return log_odds < kHopeless; }
+  bool hopeless() const { return log_odds < begun_with - kHopeless; }
   bool settled() const { return left.empty() || hopeless(); }
 };
 
@@ -147,7 +151,6 @@ SegmentPlacement::SegmentPlacement(SegmentShape shape, const PlacementMap& map,
                    [&](std::size_t a, std::size_t b) { return shape_.frames[a].evidence > shape_.frames[b].evidence; });
   if (seeds_.size() > kSeedFrames) seeds_.resize(kSeedFrames);
   plan_searches(stated, predicted);
-  begin_rung();
 }
 
 SegmentPlacement::~SegmentPlacement() = default;
@@ -233,15 +236,12 @@ void SegmentPlacement::plan_searches(const std::vector<PlaceStatement>& stated,
   add(SearchRung::area, boxes, area_m2, seeds_.size());
 }
 
-void SegmentPlacement::begin_rung() {
-  looks_left_ = kLooksOfRung;
-  rung_begin_ = hypotheses_.size();
-}
-
 SearchRung SegmentPlacement::rung() const {
   if (searches_.empty()) return SearchRung::stated;
   return searches_[std::min(next_search_, searches_.size() - 1)].rung;
 }
+
+bool SegmentPlacement::searched_all() const { return next_search_ >= searches_.size(); }
 
 double SegmentPlacement::reach_m() const {
   if (searches_.empty()) return 0;
@@ -314,6 +314,7 @@ void SegmentPlacement::search(const Search& where, const Cancel& cancel) {
     found->seed = where.seed;
     found->likeness = std::clamp(place.score, 0.0, 1.0);
     found->log_odds = std::log(std::min(1.0, window_m2 / where.searched_m2) * headings / where.shared_by);
+    found->begun_with = found->log_odds;
     // The seed first, then the frames next to it: there the prediction is sharp.
     found->left = evidence_;
     std::stable_sort(found->left.begin(), found->left.end(), [&](std::size_t a, std::size_t b) {
@@ -373,6 +374,7 @@ void SegmentPlacement::look(Hypothesis& hypothesis, const Cancel& cancel) {
                              .heading_rad = match.solved->pose.attitude.heading_rad,
                              .heading_sigma_rad = std::sqrt(heading_variance + square(kTurnOfFrame_rad))});
   ++hypothesis.hits;
+  if (match.map_ce90_m) hypothesis.map_ce90_m = std::max(hypothesis.map_ce90_m.value_or(0), *match.map_ce90_m);
   hypothesis.footprints += new_ground;
 }
 
@@ -421,25 +423,22 @@ SegmentPlacement::Hypothesis* SegmentPlacement::next_to_look_at() {
 
 bool SegmentPlacement::step(const Cancel& cancel) {
   cancel.check();
-  if (next_search_ >= searches_.size() && searches_.empty()) return false;
-  // All searches of a rung, then looks; the next rung only where that decides nothing.
+  if (searches_.empty()) return false;
+  // All searches of a rung with one seed, then looks; the next ones only where that decides nothing.
   const bool searching = next_search_ < searches_.size() &&
-                         (next_search_ == 0 || searches_[next_search_].rung == searches_[next_search_ - 1].rung);
-  if (searching) {
-    search(searches_[next_search_], cancel);
-    ++next_search_;
-    return true;
+                         (next_search_ == 0 || searches_[next_search_].goes_on(searches_[next_search_ - 1]));
+  if (!searching) {
+    if (Hypothesis* next = next_to_look_at()) {
+      --looks_left_;
+      look(*next, cancel);
+      return true;
+    }
+    const Hypothesis* found = best();
+    if ((found != nullptr && accepted(*found)) || next_search_ >= searches_.size()) return false;
   }
-  if (Hypothesis* next = next_to_look_at()) {
-    --looks_left_;
-    look(*next, cancel);
-    return true;
-  }
-  const Hypothesis* found = best();
-  if ((found != nullptr && accepted(*found)) || next_search_ >= searches_.size()) return false;
-  begin_rung();
   search(searches_[next_search_], cancel);
   ++next_search_;
+  looks_left_ = kLooksOfSeed;
   return true;
 }
 
@@ -466,6 +465,7 @@ SegmentPlacementResult SegmentPlacement::result() const {
   result.doubt = doubt_of(best);
   result.looks = static_cast<int>(best.looked.size());
   result.hits = best.hits;
+  result.map_ce90_m = best.map_ce90_m;
   result.turn_rad = best.similarity.turn_rad();
   result.log_scale = best.similarity.log_scale();
   if (!accepted(best)) return result;

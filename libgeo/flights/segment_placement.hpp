@@ -82,6 +82,7 @@ struct SegmentPlacementResult {
   std::vector<bool> hit;                          // frames whose own look hit, in the same order
   double log_odds = 0;                            // nats, of the best hypothesis against "somewhere else"
   double doubt = 1;                               // posterior of everything else
+  std::optional<double> map_ce90_m;               // the worst that the tiles beneath the hits state
   double turn_rad = 0, log_scale = 0;             // of the similarity
   int looks = 0, hits = 0;                        // at the best hypothesis
   std::vector<PlaceCandidateOfFrame> candidates;  // best first, of one frame
@@ -106,6 +107,7 @@ class SegmentPlacement {
   SegmentPlacementResult result() const;
   // What is searched just now, and half the side of its box.
   SearchRung rung() const;
+  bool searched_all() const;
   double reach_m() const;
   const SegmentShape& shape() const { return shape_; }
 
@@ -120,7 +122,6 @@ class SegmentPlacement {
   const Hypothesis* best() const;
   double doubt_of(const Hypothesis& hypothesis) const;
   bool accepted(const Hypothesis& hypothesis) const;
-  void begin_rung();
 
   AnchorPrior prior_of(const SegmentSimilarity::Pose& pose, const ShapeFrame& frame, const Cancel& cancel) const;
   double footprint_m(std::size_t index) const;
@@ -132,8 +133,7 @@ class SegmentPlacement {
   std::vector<std::size_t> seeds_;     // of these, that are searched, best first
   std::vector<Search> searches_;       // in the order of their rungs
   std::size_t next_search_ = 0;
-  std::size_t rung_begin_ = 0;  // of hypotheses_, that were found in this rung
-  int looks_left_ = 0;          // in this rung
+  int looks_left_ = 0;  // until the next search
   std::vector<std::unique_ptr<Hypothesis>> hypotheses_;
   std::map<std::size_t, cv::Mat> images_;  // of evidence_, as far as they were read
 };

@@ -13,11 +13,11 @@ constexpr int kFailuresBeforeHelp = 3;
 constexpr double kExpandedBy = 1.12;
 
 constexpr std::array kKinds{
-    FlightEventKind::flight_created,     FlightEventKind::pictures_accepted, FlightEventKind::frame_processed,
-    FlightEventKind::frame_refined,      FlightEventKind::search_expanded,   FlightEventKind::segment_started,
-    FlightEventKind::segment_anchored,   FlightEventKind::segments_merged,   FlightEventKind::user_input_needed,
-    FlightEventKind::user_fix,           FlightEventKind::fix_withdrawn,     FlightEventKind::objects_changed,
-    FlightEventKind::processing_blocked, FlightEventKind::flight_completed};
+    FlightEventKind::flight_created,    FlightEventKind::pictures_accepted,  FlightEventKind::frame_processed,
+    FlightEventKind::frame_refined,     FlightEventKind::search_expanded,    FlightEventKind::segment_started,
+    FlightEventKind::segment_anchored,  FlightEventKind::segments_merged,    FlightEventKind::merge_withdrawn,
+    FlightEventKind::user_input_needed, FlightEventKind::user_fix,           FlightEventKind::fix_withdrawn,
+    FlightEventKind::objects_changed,   FlightEventKind::processing_blocked, FlightEventKind::flight_completed};
 
 StoredFlightEvent event(FlightEventKind kind, std::size_t frame, const nlohmann::json& body) {
   return {kind, frame, body.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
@@ -66,6 +66,7 @@ std::string_view name_of(FlightEventKind kind) {
     case FlightEventKind::segment_started: return "segment_started";
     case FlightEventKind::segment_anchored: return "segment_anchored";
     case FlightEventKind::segments_merged: return "segments_merged";
+    case FlightEventKind::merge_withdrawn: return "merge_withdrawn";
     case FlightEventKind::user_input_needed: return "user_input_needed";
     case FlightEventKind::user_fix: return "user_fix";
     case FlightEventKind::fix_withdrawn: return "fix_withdrawn";

@@ -6,7 +6,7 @@
 //
 //   floating   nothing has tied it to the map yet
 //   anchored   a look at the map was accepted in one of its frames
-//   merged     it is placed by what it shares with others (not by this module)
+//   merged     it is placed as a whole (segment_placement.hpp)
 //
 // Deterministic: the same reports give the same segments and events, so that a flight that is resumed goes on with the
 // state that it had.
@@ -44,7 +44,8 @@ enum class FlightEventKind {
   search_expanded,    // looks at the map found nothing, and a larger window is searched
   segment_started,
   segment_anchored,
-  segments_merged,
+  segments_merged,     // one was placed as a whole
+  merge_withdrawn,     // and a person has taken that back
   user_input_needed,   // three looks in a row found nothing
   user_fix,            // a person said where
   fix_withdrawn,       // and has withdrawn it

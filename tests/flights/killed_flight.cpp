@@ -4,6 +4,7 @@
 //                                              says "accepted N" or "fix N" when they are stored
 //        killed_flight FOLDER fly COURSE N     processes and completes the flight; kills itself when the store is about
 //                                              to commit, or has committed, for the N-th time (0: never)
+//        killed_flight FOLDER place N          the same with a flight that floats, and is placed as a whole
 // Exit codes: 0 done, 2 an error, its text on stderr.
 #include <csignal>
 #include <cstdio>
@@ -11,7 +12,7 @@
 #include <string_view>
 
 #include "base/error.hpp"
-#include "flights/stored_flight.hpp"
+#include "flights/floating_flight.hpp"
 
 namespace nadir::test {
 namespace {
@@ -43,6 +44,20 @@ void fly(const std::filesystem::path& folder, Course course, int fatal_commit) {
   engine.complete();
 }
 
+void place(const std::filesystem::path& folder, int fatal_commit) {
+  int commits = 0;
+  FlightStoreOptions options;
+  options.hook = [&](std::string_view /*transaction*/, bool /*committed*/) {
+    if (++commits == fatal_commit) ::raise(SIGKILL);
+  };
+  const auto store = FlightStore::open(folder, options);
+  FlightEngine engine(*store, floating_setup(), {.clock = [] { return kNow; }});
+  engine.process();
+  while (engine.place_segments(SegmentPlacer::Scope::all, 1000)) {
+  }
+  engine.complete();
+}
+
 }  // namespace
 }  // namespace nadir::test
 
@@ -51,6 +66,10 @@ int main(int argc, char** argv) {
   const std::string_view mode = argc > 2 ? argv[2] : "";
   try {
     if (mode == "accept") accept_for_ever(argv[1]);
+    if (mode == "place" && argc == 4) {
+      place(argv[1], std::stoi(argv[3]));
+      return 0;
+    }
     if (mode != "fly" || argc != 5) return 64;
     fly(argv[1], argv[3] == std::string_view("eventful") ? Course::eventful : Course::smooth, std::stoi(argv[4]));
     return 0;
