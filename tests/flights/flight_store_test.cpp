@@ -287,7 +287,7 @@ TEST_F(StoredPictures, OtherDatabasesAreRefused) {
     database.execute(sql);
     database.close();
   };
-  change("PRAGMA user_version = 3");
+  change("PRAGMA user_version = 4");
   try {
     FlightStore::open(folder());
     FAIL() << "a newer version was opened";

@@ -40,7 +40,7 @@ class MirroredMatcher final : public MapMatcher {
 FlightEngineSetup setup_with(const std::function<std::unique_ptr<MapMatcher>(const MatcherMap&)>& of_placer) {
   FlightEngineSetup setup = engine_setup(Course::smooth);
   setup.start.reset();
-  setup.localizer.area = PlaneBox{-180, -180, 180, 180};
+  setup.localizer.area = PlaneBox{-130, -130, 150, 150};
   setup.localizer.matcher = [made = std::make_shared<int>(0),
                              of_placer](const MatcherMap& map) -> std::unique_ptr<MapMatcher> {
     if ((*made)++ == 0) return std::make_unique<BlindMatcher>();

@@ -55,7 +55,8 @@ void place(const std::filesystem::path& folder, int fatal_commit) {
   engine.process();
   while (engine.place_segments(SegmentPlacer::Scope::all, 1000)) {
   }
-  engine.complete();
+  const auto last = store->events_after(store->last_event() - 1, 1);
+  if (last.empty() || last[0].event.kind != FlightEventKind::flight_completed) engine.complete();
 }
 
 }  // namespace

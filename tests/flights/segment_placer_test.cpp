@@ -160,7 +160,7 @@ TEST(SegmentPlacer, KilledAtEveryCommitItEndsWithTheSameFlight) {
     if (fly("killed", run % 2 == 0 ? 1 : 2) == 0) break;
     ++kills;
   }
-  EXPECT_GE(kills, 10);
+  EXPECT_GE(kills, 5);
   const auto whole = FlightStore::open(temporary / "whole"), killed = FlightStore::open(temporary / "killed");
   ASSERT_EQ(killed->segments().size(), 1U);
   EXPECT_EQ(killed->segments()[0].state, SegmentState::merged);
