@@ -292,7 +292,7 @@ TEST_F(StoredPictures, OtherDatabasesAreRefused) {
     FlightStore::open(folder());
     FAIL() << "a newer version was opened";
   } catch (const UsageError& error) {
-    EXPECT_EQ(error.text().found, "version 3");
+    EXPECT_EQ(error.text().found, "version 4");
     EXPECT_EQ(error.text().fix, "use the nadir that created it");
   }
   change("PRAGMA user_version = 1");
@@ -303,7 +303,7 @@ TEST_F(StoredPictures, OtherDatabasesAreRefused) {
     EXPECT_EQ(error.text().found, "version 1");
     EXPECT_THAT(error.text().fix, testing::HasSubstr("process its pictures again"));
   }
-  change("PRAGMA user_version = 2");
+  change("PRAGMA user_version = 3");
   FlightStore::open(folder());
   change("CREATE TRIGGER t AFTER INSERT ON event BEGIN DELETE FROM picture; END");
   EXPECT_THROW(FlightStore::open(folder()), UsageError);
