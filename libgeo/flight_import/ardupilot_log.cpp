@@ -114,8 +114,11 @@ class DataflashRecord {
     const auto value = number(name);
     return value ? value : number(older);
   }
+  // Since the autopilot's start. Firmware before 3.3 counts milliseconds, but in GPS records TimeMS is the time of the
+  // GPS week, and T that of the log.
   std::optional<double> time_s() const {
     if (const auto us = number("TimeUS")) return *us * 1e-6;
+    if (const auto ms = number("T"); ms && name() == "GPS") return *ms * 1e-3;
     if (const auto ms = number("TimeMS")) return *ms * 1e-3;
     return std::nullopt;
   }

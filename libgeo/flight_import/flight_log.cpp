@@ -136,9 +136,9 @@ bool LogBuilder::take_time(double time_s) {
 
 void LogBuilder::attitude(double time_s, double heading_rad, double pitch_rad, double roll_rad) {
   const bool possible = std::abs(heading_rad) <= 2 * kTwoPi && std::abs(pitch_rad) <= kTwoPi / 4 + 1e-3 &&
-                        std::abs(roll_rad) <= kTwoPi / 2 + 1e-3;  // false for NaN
+                        std::abs(roll_rad) <= kTwoPi;  // false for NaN. ArduPilot lets roll run past 180 degrees
   if (!possible || !in_order(log_.attitudes, time_s)) return;
-  log_.attitudes.push_back({time_s, {wrap_pi(heading_rad), pitch_rad, roll_rad}});
+  log_.attitudes.push_back({time_s, {wrap_pi(heading_rad), pitch_rad, wrap_pi(roll_rad)}});
 }
 
 void LogBuilder::height(std::vector<TimedHeight> FlightLog::*which, double time_s, double height_m) {

@@ -38,16 +38,24 @@ def messages_of(path, kind):
         yield message
 
 
+def boot_s(message):
+    """Of a dataflash message; logs of old firmware count milliseconds, and in GPS messages TimeMS is that of the GPS week."""
+    for field, unit in (("TimeUS", 1e-6), ("T", 1e-3), ("TimeMS", 1e-3)):
+        if field in message.get_fieldnames():
+            return getattr(message, field) * unit
+    raise ValueError(f"{message.get_type()} without a time")
+
+
 def read_pymavlink(path, kind):
     result = {"attitudes": [], "heights": [], "positions": [], "triggers": 0}
     for m in messages_of(path, kind):
         name = m.get_type()
         if name == "ATT":
-            result["attitudes"].append([m.TimeUS * 1e-6, m.Roll, m.Pitch, m.Yaw])
+            result["attitudes"].append([boot_s(m), m.Roll, m.Pitch, m.Yaw])
         elif name == "POS":
-            result["heights"].append([m.TimeUS * 1e-6, m.RelHomeAlt])
+            result["heights"].append([boot_s(m), m.RelHomeAlt])
         elif name == "GPS" and m.Status >= 3:
-            result["positions"].append([m.TimeUS * 1e-6, m.Lat, m.Lng])
+            result["positions"].append([boot_s(m), m.Lat, m.Lng])
         elif name == "CAM":
             result["triggers"] += 1
         elif name == "ATTITUDE":
