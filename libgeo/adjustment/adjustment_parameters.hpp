@@ -1,10 +1,11 @@
-// The numbers that decide in libgeo/adjustment: value, unit, and where each comes from. Nothing else in this folder
-// holds one. [adjustment] is the bench of that name in docs/benchmarks.md, of November 2026. "Chosen": an engineer's
-// estimate. "Numerical": guards degenerate cases and stops iterations.
+// The numbers that decide in libgeo/adjustment and libgeo/flight_adjustment: value, unit, and where each comes from.
+// Nothing else in these folders holds one. [adjustment] is the bench of that name in docs/benchmarks.md, of November
+// 2026. "Chosen": an engineer's estimate. "Numerical": guards degenerate cases and stops iterations.
 #pragma once
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 
 namespace nadir::parameters::adjustment {
 
@@ -35,7 +36,9 @@ inline constexpr double kHeightScaleSigma = 0.02;    // what all heights have in
 inline constexpr std::array<double, 4> kAnchorWidening{4096, 256, 16, 1};
 inline constexpr std::array<double, 4> kObservationWidening{64, 16, 4, 1};
 inline constexpr double kAnchorBound = 9.21;  // χ² with 2 degrees of freedom, 99 %: below it an anchor counts fully
-inline constexpr double kAnchorSwitchOff = 13.8;    // 99.9 %: beyond it an anchor is switched off
+inline constexpr double kAnchorSwitchOff = 13.8;      // 99.9 %: beyond it an anchor is switched off
+inline constexpr double kPoseAnchorBound = 16.8;      // likewise of whole poses, 6 degrees of freedom …
+inline constexpr double kPoseAnchorSwitchOff = 22.5;  // … 99.9 %
 inline constexpr double kObservationHuber = 3.0;    // sigmas, from where a tie point's residual counts linearly; chosen
 inline constexpr double kObservationReject = 16.0;  // χ² with 2 degrees of freedom, 99.97 %; chosen
 // A point farther from the terrain model, in sigmas, is a tower or a false match along its rays: the terrain then says
@@ -84,3 +87,40 @@ inline constexpr double kChi2Of95 = 5.991;         // χ² with 2 degrees of fre
 inline constexpr double kRotationStep_rad = 1e-6;  // of numeric derivatives of an attitude; numerical
 
 }  // namespace nadir::parameters::adjustment
+
+// Tie points from pictures.
+namespace nadir::parameters::ties {
+
+// Longer side at which pictures are compared: a pixel is 0.1 % of the height above ground, and SIFT costs 0.1 s;
+// chosen.
+inline constexpr double kWorkingSide_px = 900;
+inline constexpr int kDetectedFeatures = 1500;     // the strongest, of which …
+inline constexpr std::size_t kKeptFeatures = 600;  // … so many are kept, spread over the picture; bounds the memory
+inline constexpr std::size_t kGridColumns = 10, kGridRows = 8;  // of that spread; chosen
+inline constexpr std::size_t kNextFrames = 2;      // a frame is compared with so many after it: over an outlier as well
+inline constexpr std::size_t kPassGap = 3;         // frames of one pass over the ground follow each other this closely
+inline constexpr std::size_t kPassesPerFrame = 4;  // other passes that a frame is compared with; bounds the time
+inline constexpr double kOverlapShare = 0.6;       // of a footprint's longer side between two that overlap; chosen
+inline constexpr double kStepSigmaShare = 0.05;    // of a step that odometry tracked: its σ; chosen
+inline constexpr double kReachSigmas = 3;          // around where a feature is expected
+inline constexpr double kLeastReach = 0.05;        // … at least and at most, of the longer side; chosen
+inline constexpr double kMostReach = 0.7;
+inline constexpr double kRivalReach = 0.2;  // of the width: nothing this near may look nearly as much alike; chosen
+inline constexpr double kCell_px = 30;      // of the grid in which features are found; numerical
+inline constexpr double kTieRatio = 0.8;    // nearest over second nearest descriptor (Lowe 2004)
+inline constexpr std::int32_t kMostDistance2 = 350 * 350;  // of descriptors of length 512: beyond, unlike; chosen
+inline constexpr std::size_t kLeastAgreeing = 12;          // matches of a pair on one homography; as odometry's
+inline constexpr double kLeastAgreeingShare = 0.3;         // … and of its matches; chosen
+inline constexpr double kMostParallax_px = 12;             // of relief that a homography's bound allows for; chosen
+inline constexpr std::size_t kSpreadCells = 8;             // a side: cells of a picture that each want a point …
+inline constexpr std::size_t kSpreadDepth = 2;             // … and a second one where there is room
+inline constexpr std::size_t kObservationsPerFrame = 70;   // desk.md's 200 000 for 3000 frames
+
+}  // namespace nadir::parameters::ties
+
+// A flight into a block.
+namespace nadir::parameters::flight_adjustment {
+
+inline constexpr double kLeastFixSigma_m = 0.5;  // nobody clicks better on a map; chosen
+
+}  // namespace nadir::parameters::flight_adjustment

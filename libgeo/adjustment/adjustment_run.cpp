@@ -13,6 +13,7 @@
 #include <cmath>
 #include <cstdint>
 #include <exception>
+#include <limits>
 #include <numeric>
 #include <tuple>
 #include <utility>
@@ -53,8 +54,8 @@ class CancelCallback final : public ceres::IterationCallback {
  public:
   CancelCallback(Progress& progress, const Cancel& cancel) : progress_(progress), cancel_(cancel) {}
   ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
-    if (summary.iteration > 0) progress_.advance();
     try {
+      if (summary.iteration > 0) progress_.advance();  // may throw as well
       cancel_.check();
     } catch (...) {  // must not pass through Ceres
       thrown_ = std::current_exception();
@@ -110,7 +111,7 @@ class AdjustmentRun {
   void add_points();
   bool solve(int iterations, double tolerance, double trust_region);
   bool decide();
-  double anchor_chi2(const PositionAnchor& anchor) const;
+  double anchor_chi2(const BlockAnchor& anchor) const;
   bool covariances();
   void add_held_covariances(MarginalCovariances& marginal);
   void report_calibration();
@@ -137,8 +138,11 @@ class AdjustmentRun {
   Connections connections_;
   std::vector<bool> anchored_, held_root_;
 
-  double anchor_bound_ = table::kAnchorBound, huber_width_ = table::kObservationHuber;
-  std::unique_ptr<ceres::LossFunction> switchable_{switchable_loss(anchor_bound_)}, huber_{huber_loss(huber_width_)};
+  double anchor_bound_ = table::kAnchorBound, pose_bound_ = table::kPoseAnchorBound;
+  double huber_width_ = table::kObservationHuber;
+  std::unique_ptr<ceres::LossFunction> switchable_{switchable_loss(anchor_bound_)};
+  std::unique_ptr<ceres::LossFunction> switchable_pose_{switchable_loss(pose_bound_)};
+  std::unique_ptr<ceres::LossFunction> huber_{huber_loss(huber_width_)};
   std::array<double, 3> no_boresight_{};
   double no_scale_ = 0;
   std::unique_ptr<ceres::Problem> problem_;
@@ -328,7 +332,7 @@ void AdjustmentRun::add_calibration() {
   add(&c.log_focal, {prior.focal_relative}, {0});
   add(c.distortion.data(), {prior.radial, prior.radial, prior.tangential, prior.tangential, prior.radial},
       {k.begin(), k.end()});
-  add(c.boresight_rad.data(), std::vector<double>(3, prior.boresight_rad), {0, 0, 0});
+  add(c.boresight_rad.data(), {prior.boresight_rad, prior.boresight_rad, prior.heading_boresight_rad}, {0, 0, 0});
   add(&c.log_height_scale, {prior.height_scale}, {0});
 }
 
@@ -367,10 +371,15 @@ void AdjustmentRun::add_frame_terms() {
     }
   }
   for (std::size_t a = 0; a < data_.anchors.size(); ++a) {
-    const PositionAnchor& anchor = data_.anchors[a];
+    const BlockAnchor& anchor = data_.anchors[a];
     if (!kept_[a] || !adjusted(a)) continue;
-    add_term(position_cost(anchor.position, anchor.covariance_m2), switchable_.get(),
-             {state_.frames[anchor.frame].values.data()});
+    FrameBlock& frame = state_.frames[anchor.frame];
+    if (anchor.whole) {
+      add_term(pose_cost(data_.ground, frame, anchor.whole->pose, anchor.whole->covariance), switchable_pose_.get(),
+               {frame.values.data()});
+    } else {
+      add_term(position_cost(anchor.position, anchor.covariance_m2), switchable_.get(), {frame.values.data()});
+    }
   }
 }
 
@@ -440,7 +449,11 @@ bool AdjustmentRun::solve(int iterations, double tolerance, double trust_region)
   return summary.termination_type == ceres::CONVERGENCE;
 }
 
-double AdjustmentRun::anchor_chi2(const PositionAnchor& anchor) const {
+double AdjustmentRun::anchor_chi2(const BlockAnchor& anchor) const {
+  if (anchor.whole) {
+    const auto off = pose_difference(data_.ground, state_.frames[anchor.frame], anchor.whole->pose);
+    return off ? off->dot(anchor.whole->covariance.llt().solve(*off)) : std::numeric_limits<double>::infinity();
+  }
   const Eigen::Vector2d off = state_.frames[anchor.frame].centre_m().head<2>() - anchor.position.vector();
   return off.dot(anchor.covariance_m2.llt().solve(off));
 }
@@ -450,7 +463,8 @@ bool AdjustmentRun::decide() {
   bool changed = false;
   for (std::size_t a = 0; a < kept_.size(); ++a) {
     if (!adjusted(a)) continue;
-    const bool keep = anchor_chi2(data_.anchors[a]) <= table::kAnchorSwitchOff;
+    const bool keep = anchor_chi2(data_.anchors[a]) <=
+                      (data_.anchors[a].whole ? table::kPoseAnchorSwitchOff : table::kAnchorSwitchOff);
     changed |= keep != kept_[a];
     kept_[a] = keep;
   }
@@ -507,7 +521,7 @@ bool AdjustmentRun::covariances() {
   ceres::CRSMatrix jacobian;
   if (!problem_->Evaluate(options, nullptr, nullptr, nullptr, &jacobian)) return false;
   cancel_.check();
-  marginal_ = marginal_covariances(jacobian, layout, data_.options.point_covariances);
+  marginal_ = marginal_covariances(jacobian, layout, data_.options.point_covariances, cancel_);
   if (!marginal_) return false;
   add_held_covariances(*marginal_);
   return true;
@@ -561,7 +575,9 @@ void AdjustmentRun::report_calibration() {
   for (std::size_t i = 0; i < 5; ++i) {
     result.distortion[i] = calibrated(c.distortion[i], i == 2 || i == 3 ? prior.tangential : prior.radial);
   }
-  for (std::size_t i = 0; i < 3; ++i) result.boresight[i] = calibrated(c.boresight_rad[i], prior.boresight_rad);
+  for (std::size_t i = 0; i < 3; ++i) {
+    result.boresight[i] = calibrated(c.boresight_rad[i], i == 2 ? prior.heading_boresight_rad : prior.boresight_rad);
+  }
   result.log_height_scale = calibrated(c.log_height_scale, prior.height_scale);
 }
 
@@ -582,9 +598,10 @@ AdjustedBlock AdjustmentRun::report() const {
   }
   for (std::size_t a = 0; a < kept_.size(); ++a) {
     if (!adjusted(a)) continue;
-    const PositionAnchor& anchor = data_.anchors[a];
+    const BlockAnchor& anchor = data_.anchors[a];
     const double chi2 = anchor_chi2(anchor);
-    block.anchors.push_back({a, !kept_[a], switch_value(chi2, table::kAnchorBound), chi2,
+    const double bound = anchor.whole ? table::kPoseAnchorBound : table::kAnchorBound;
+    block.anchors.push_back({a, !kept_[a], switch_value(chi2, bound), chi2,
                              state_.frames[anchor.frame].centre_m().head<2>() - anchor.position.vector()});
   }
   double sum = 0, squares = 0;
@@ -645,6 +662,7 @@ AdjustedBlock AdjustmentRun::run() {
     build();
     for (std::size_t round = 0; round < table::kAnchorWidening.size(); ++round) {
       anchor_bound_ = table::kAnchorBound * table::kAnchorWidening[round];
+      pose_bound_ = table::kPoseAnchorBound * table::kAnchorWidening[round];
       huber_width_ = table::kObservationHuber * table::kObservationWidening[round];
       solve(table::kAnnealingIterations, table::kAnnealingTolerance,
             round == 0 ? table::kFarTrustRegion : table::kNearTrustRegion);

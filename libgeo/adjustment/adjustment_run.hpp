@@ -18,6 +18,14 @@ struct BlockState {
   CameraSelfCalibration reported;                          // likewise
 };
 
+// Of either kind.
+struct BlockAnchor {
+  std::size_t frame = 0;
+  PlanePoint position;
+  Eigen::Matrix2d covariance_m2;  // without a pose
+  std::optional<PoseAnchor> whole;
+};
+
 // The data of a block, as added.
 struct BlockData {
   CameraModel camera;
@@ -26,7 +34,7 @@ struct BlockData {
   AdjustableLens lens;
   std::vector<AdjustmentFrame> frames;
   std::vector<FrameBlock> starts;  // of the frames
-  std::vector<PositionAnchor> anchors;
+  std::vector<BlockAnchor> anchors;
   std::vector<TiePoint> points;
 };
 

@@ -106,7 +106,7 @@ BlockAdjustment::BlockAdjustment(const CameraModel& camera, const GroundSurface&
   require_positive(options.terrain_sigma_m, "the terrain's sigma is impossible", "options");
   const CalibrationPrior& prior = options.calibration;
   for (const double value : {prior.focal_relative, prior.radial, prior.tangential, prior.boresight_rad,
-                             prior.height_scale, options.terrain_correlation_m}) {
+                             prior.heading_boresight_rad, prior.height_scale, options.terrain_correlation_m}) {
     if (!(value >= 0) || !std::isfinite(value)) {
       reject("an option is impossible", "options", "a finite number, 0 or more", fmt::format("{}", value));
     }
@@ -158,7 +158,24 @@ std::size_t BlockAdjustment::add_anchor(const PositionAnchor& anchor) {
     reject("the covariance is impossible", where, "a symmetric, positive definite matrix, m²",
            fmt::format("{} {}; {} {}", covariance(0, 0), covariance(0, 1), covariance(1, 0), covariance(1, 1)));
   }
-  impl_->data.anchors.push_back(anchor);
+  impl_->data.anchors.push_back({anchor.frame, anchor.position, covariance, std::nullopt});
+  return impl_->data.anchors.size() - 1;
+}
+
+std::size_t BlockAdjustment::add_anchor(const PoseAnchor& anchor) {
+  const std::string where = fmt::format("anchor {} of frame {}", impl_->data.anchors.size(), anchor.frame);
+  impl_->require_frame(anchor.frame, where);
+  require_place(anchor.pose.position, "the position is impossible", where);
+  require_attitude(anchor.pose.attitude, where);
+  require_positive(anchor.pose.agl_m, "the height above ground is impossible", where);
+  const auto& covariance = anchor.covariance;
+  const Eigen::Matrix<double, 6, 1> sigmas = covariance.diagonal().cwiseMax(0).cwiseSqrt();
+  const bool symmetric =
+      ((covariance - covariance.transpose()).cwiseAbs().array() <= 1e-6 * (sigmas * sigmas.transpose()).array()).all();
+  if (!covariance.allFinite() || !symmetric || covariance.llt().info() != Eigen::Success) {
+    reject("the covariance is impossible", where, "a symmetric, positive definite matrix of 6 x 6", "another one");
+  }
+  impl_->data.anchors.push_back({anchor.frame, anchor.pose.position, covariance.topLeftCorner<2, 2>(), anchor});
   return impl_->data.anchors.size() - 1;
 }
 

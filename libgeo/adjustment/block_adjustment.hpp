@@ -10,7 +10,9 @@
 //
 // Measurements, residual over sigma (residuals.hpp):
 //   tie point      (lens(p_ij) - pixel_ij) / σ_px                               pixels
-//   anchor         L⁻¹ ((C_east, C_north) - position),  covariance L Lᵀ         from a match with the map
+//   anchor         L⁻¹ ((C_east, C_north) - position),  covariance L Lᵀ         where the frame was taken
+//   pose anchor    L⁻¹ ((C_east, C_north, log agl, heading, pitch, roll) - measured),  covariance L Lᵀ
+//                                                                               a whole match with the map
 //   control        ((X_east, X_north) - place) / σ_m                            a person's fix: a point in image and
 //   map attitude       Log(R (R_measured Exp(b))ᵀ) / (σ_tilt, σ_tilt, σ_heading)    radians, about east, north, up
 //   height         (log(agl) + s - log(agl_measured)) / σ                       relative
@@ -97,6 +99,17 @@ struct PositionAnchor {
   Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Identity();
 };
 
+// A match of a frame with the map, as a whole: position, height and attitude by the image alone, without any prior
+// (pose_measurements.hpp). Seen from above, tilt and position are nearly one unknown. Their joint covariance keeps what
+// the position alone would lose: tie points that determine the tilt then determine the position as well.
+struct PoseAnchor {
+  std::size_t frame = 0;
+  CameraPose pose;
+  // Of (east m, north m, log height above ground, heading, pitch, roll); practically infinite where the image does not
+  // determine something.
+  Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Identity();
+};
+
 struct ImageObservation {
   std::size_t frame = 0;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
@@ -119,7 +132,8 @@ struct CalibrationPrior {
   double focal_relative = parameters::adjustment::kFocalSigma;
   double radial = parameters::adjustment::kRadialSigma;
   double tangential = parameters::adjustment::kTangentialSigma;
-  double boresight_rad = parameters::adjustment::kBoresightSigma_rad;
+  double boresight_rad = parameters::adjustment::kBoresightSigma_rad;          // about the camera's x and y
+  double heading_boresight_rad = parameters::adjustment::kBoresightSigma_rad;  // about the optical axis
   double height_scale = parameters::adjustment::kHeightScaleSigma;
 };
 
@@ -156,7 +170,7 @@ struct AdjustedAnchor {
   std::size_t anchor = 0;  // in the order of add_anchor()
   bool switched_off = false;
   double switch_value = 1;  // s, 1: counts fully
-  double chi2 = 0;          // of the residual by the anchor's own covariance, 2 degrees of freedom
+  double chi2 = 0;          // of the residual by the anchor's own covariance, 2 degrees of freedom, of a whole pose 6
   Eigen::Vector2d residual_m = Eigen::Vector2d::Zero();  // adjusted minus anchor
 };
 
@@ -229,6 +243,7 @@ class BlockAdjustment {
   // not exist, and changes nothing then.
   std::size_t add_frame(const AdjustmentFrame& frame);  // returns its index
   std::size_t add_anchor(const PositionAnchor& anchor);
+  std::size_t add_anchor(const PoseAnchor& anchor);
   // An observation in a frame that has one of this point already is left out: a point is at one place of a frame.
   std::size_t add_tie_point(const TiePoint& point);
   void add_observation(std::size_t tie_point, const ImageObservation& observation);

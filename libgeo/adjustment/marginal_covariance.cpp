@@ -205,7 +205,7 @@ Eigen::Matrix3d point_covariance(const PointEquations& point, const SelectedInve
 }  // namespace
 
 std::optional<MarginalCovariances> marginal_covariances(const ceres::CRSMatrix& jacobian, const JacobianLayout& layout,
-                                                        bool points) {
+                                                        bool points, const Cancel& cancel) {
   const JacobianRows rows(jacobian, layout);
   const auto shared = static_cast<Eigen::Index>(layout.shared);
   ReducedSystem system{SelectedInverse(layout.frames, pairs_of(rows)),
@@ -224,17 +224,18 @@ std::optional<MarginalCovariances> marginal_covariances(const ceres::CRSMatrix& 
     spans[point] = {row, to};
     const PointEquations equations = rows.point_equations(row, to);
     if (!equations.determined) return std::nullopt;
+    cancel.check();
     add_point(rows, row, to, equations, system);
     row = to;
   }
-  if (!system.a.factorize()) return std::nullopt;
+  if (!system.a.factorize(cancel)) return std::nullopt;
   const Eigen::MatrixXd w = system.a.solve(system.b);
   MarginalCovariances result;
   const Eigen::MatrixXd left = system.d - system.b.transpose() * w;
   const Eigen::LLT<Eigen::MatrixXd> cholesky(0.5 * (left + left.transpose()));
   if (shared > 0 && cholesky.info() != Eigen::Success) return std::nullopt;
   result.shared = shared > 0 ? Eigen::MatrixXd(cholesky.solve(Eigen::MatrixXd::Identity(shared, shared))) : left;
-  system.a.invert();
+  system.a.invert(cancel);
   for (std::size_t i = 0; i < layout.frames; ++i) {
     result.frames.push_back(frame_block(system.a.diagonal(i), w, result.shared, i, i));
     if (!result.frames.back().allFinite()) return std::nullopt;
@@ -245,6 +246,7 @@ std::optional<MarginalCovariances> marginal_covariances(const ceres::CRSMatrix& 
   }
   if (points) {
     for (const auto& [from, to] : spans) {
+      cancel.check();
       result.points.push_back(point_covariance(rows.point_equations(from, to), system.a, w, result.shared));
     }
   }

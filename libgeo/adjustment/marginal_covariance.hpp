@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "adjustment/pose_covariance.hpp"
+#include "base/progress.hpp"
 
 namespace ceres {
 struct CRSMatrix;
@@ -37,8 +38,8 @@ struct MarginalCovariances {
   std::vector<Eigen::Matrix3d> points;  // empty unless asked for
 };
 
-// Nothing when some combination of parameters is not determined.
+// Nothing when some combination of parameters is not determined. Throws Interrupted.
 std::optional<MarginalCovariances> marginal_covariances(const ceres::CRSMatrix& jacobian, const JacobianLayout& layout,
-                                                        bool points);
+                                                        bool points, const Cancel& cancel = {});
 
 }  // namespace nadir

@@ -30,21 +30,25 @@ Eigen::Matrix3d rotation_from_vector(const Eigen::Vector3d& vector) {
   return Eigen::AngleAxisd(angle, vector / angle).toRotationMatrix();
 }
 
-PoseCovariance pose_covariance(const CameraPose& pose, const Eigen::Matrix<double, 6, 6>& of_filter) {
-  // Small changes of heading, pitch and roll as turns of the camera.
-  const Eigen::Matrix3d camera_from_world = enu_from_camera(pose.attitude).transpose();
-  Eigen::Matrix<double, 6, 6> by = Eigen::Matrix<double, 6, 6>::Zero();
-  by(0, 0) = by(1, 1) = 1;
-  by(2, 2) = pose.agl_m;
+Eigen::Matrix3d turn_by_angles(const Attitude& attitude) {
+  const Eigen::Matrix3d camera_from_world = enu_from_camera(attitude).transpose();
+  Eigen::Matrix3d by;
   for (int i = 0; i < 3; ++i) {
-    Attitude more = pose.attitude, less = pose.attitude;
+    Attitude more = attitude, less = attitude;
     constexpr double step = parameters::adjustment::kRotationStep_rad;
     (i == 0 ? more.heading_rad : i == 1 ? more.pitch_rad : more.roll_rad) += step;
     (i == 0 ? less.heading_rad : i == 1 ? less.pitch_rad : less.roll_rad) -= step;
     const Eigen::Matrix3d turn = camera_from_world * (enu_from_camera(more) - enu_from_camera(less)) / (2 * step);
-    by.block<3, 1>(3, 3 + i) =
-        0.5 * Eigen::Vector3d(turn(2, 1) - turn(1, 2), turn(0, 2) - turn(2, 0), turn(1, 0) - turn(0, 1));
+    by.col(i) = 0.5 * Eigen::Vector3d(turn(2, 1) - turn(1, 2), turn(0, 2) - turn(2, 0), turn(1, 0) - turn(0, 1));
   }
+  return by;
+}
+
+PoseCovariance pose_covariance(const CameraPose& pose, const Eigen::Matrix<double, 6, 6>& of_filter) {
+  Eigen::Matrix<double, 6, 6> by = Eigen::Matrix<double, 6, 6>::Zero();
+  by(0, 0) = by(1, 1) = 1;
+  by(2, 2) = pose.agl_m;
+  by.bottomRightCorner<3, 3>() = turn_by_angles(pose.attitude);
   return by * of_filter * by.transpose();
 }
 

@@ -14,6 +14,9 @@ using PoseCovariance = Eigen::Matrix<double, 6, 6>;
 // pose solver state theirs.
 PoseCovariance pose_covariance(const CameraPose& pose, const Eigen::Matrix<double, 6, 6>& of_filter);
 
+// How the camera turns about its axes when heading, pitch and roll change a little.
+Eigen::Matrix3d turn_by_angles(const Attitude& attitude);
+
 // The inverse of enu_from_camera().
 Attitude attitude_from_matrix(const Eigen::Matrix3d& world_from_camera);
 

@@ -7,10 +7,12 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 
 #include "adjustment/adjustment_parameters.hpp"
+#include "geodesy/angles.hpp"
 
 namespace nadir {
 namespace {
@@ -147,6 +149,51 @@ class PositionCost final : public ceres::SizedCostFunction<2, 6> {
  private:
   Eigen::Vector2d position_;
   Eigen::Matrix2d whiten_;
+};
+
+// Of (east, north, log height, heading, pitch, roll); C in `centre`.
+std::optional<Eigen::Matrix<double, 6, 1>> pose_off(const GroundSurface& ground, const Eigen::Vector3d& centre,
+                                                    const Attitude& attitude, const CameraPose& measured) {
+  const double agl_m = centre.z() - ground.height_m({centre.x(), centre.y()});
+  if (!(agl_m > 0)) return std::nullopt;
+  Eigen::Matrix<double, 6, 1> off;
+  off << centre.head<2>() - measured.position.vector(), std::log(agl_m / measured.agl_m),
+      wrap_pi(attitude.heading_rad - measured.attitude.heading_rad), attitude.pitch_rad - measured.attitude.pitch_rad,
+      wrap_pi(attitude.roll_rad - measured.attitude.roll_rad);
+  return off;
+}
+
+class PoseCost final : public ceres::SizedCostFunction<6, 6> {
+ public:
+  PoseCost(const GroundSurface& ground, const FrameBlock& frame, const CameraPose& measured,
+           const Eigen::Matrix<double, 6, 6>& covariance)
+      : ground_(ground), frame_(frame), measured_(measured) {
+    const Eigen::Matrix<double, 6, 6> lower = covariance.llt().matrixL();
+    whiten_ = lower.triangularView<Eigen::Lower>().solve(Eigen::Matrix<double, 6, 6>::Identity());
+  }
+
+  bool Evaluate(double const* const* blocks, double* residual, double** jacobians) const override {
+    const Eigen::Map<const Eigen::Vector3d> c(blocks[0]), w(blocks[0] + 3);
+    const Attitude attitude = attitude_from_matrix(frame_.reference * rotation_from_vector(w));
+    const auto off = pose_off(ground_, c, attitude, measured_);
+    if (!off) return false;
+    Eigen::Map<Eigen::Matrix<double, 6, 1>>(residual, 6) = whiten_ * *off;
+    if (jacobians == nullptr || jacobians[0] == nullptr) return true;
+    const double agl_m = c.z() - ground_.height_m({c.x(), c.y()});
+    const Eigen::Vector2d slope = slope_at(ground_, c.x(), c.y());
+    Eigen::Matrix<double, 6, 6> by = Eigen::Matrix<double, 6, 6>::Zero();
+    by(0, 0) = by(1, 1) = 1;
+    by.block<1, 3>(2, 0) << -slope.x() / agl_m, -slope.y() / agl_m, 1 / agl_m;
+    by.bottomRightCorner<3, 3>() = turn_by_angles(attitude).inverse() * right_jacobian(w);
+    Jacobian<6, 6>{jacobians[0]} = whiten_ * by;
+    return true;
+  }
+
+ private:
+  const GroundSurface& ground_;
+  const FrameBlock& frame_;
+  CameraPose measured_;
+  Eigen::Matrix<double, 6, 6> whiten_;
 };
 
 class MotionCost final : public ceres::SizedCostFunction<3, 6, 6> {
@@ -306,6 +353,11 @@ std::optional<Eigen::Vector2d> project(const AdjustableLens& lens, const Calibra
   return lens.project(p, calibration.log_focal, calibration.distortion.data(), nullptr, nullptr, nullptr);
 }
 
+std::optional<Eigen::Matrix<double, 6, 1>> pose_difference(const GroundSurface& ground, const FrameBlock& frame,
+                                                           const CameraPose& measured) {
+  return pose_off(ground, frame.centre_m(), attitude_from_matrix(frame.world_from_camera()), measured);
+}
+
 ceres::CostFunction* reprojection_cost(const AdjustableLens& lens, const FrameBlock& frame,
                                        const Eigen::Vector2d& pixel, double sigma_px) {
   return new ReprojectionCost(lens, frame, pixel, sigma_px);
@@ -324,6 +376,11 @@ ceres::CostFunction* height_cost(const GroundSurface& ground, double measured_ag
 
 ceres::CostFunction* position_cost(PlanePoint position, const Eigen::Matrix2d& covariance_m2) {
   return new PositionCost(position, covariance_m2);
+}
+
+ceres::CostFunction* pose_cost(const GroundSurface& ground, const FrameBlock& frame, const CameraPose& measured,
+                               const Eigen::Matrix<double, 6, 6>& covariance) {
+  return new PoseCost(ground, frame, measured, covariance);
 }
 
 ceres::CostFunction* motion_cost(const Eigen::Vector3d& step_m, double sigma_m) {

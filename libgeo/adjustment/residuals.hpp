@@ -59,6 +59,10 @@ class AdjustableLens {
   double reach_ = 0;  // distance from the axis at z = 1 up to which the polynomial is used
 };
 
+// A frame's state less a measured pose, in pose_cost()'s order and before whitening. Nothing below ground.
+std::optional<Eigen::Matrix<double, 6, 1>> pose_difference(const GroundSurface& ground, const FrameBlock& frame,
+                                                           const CameraPose& measured);
+
 // Where the point appears, or nothing when it is not in front of the camera.
 std::optional<Eigen::Vector2d> project(const AdjustableLens& lens, const CalibrationBlock& calibration,
                                        const FrameBlock& frame, const Eigen::Vector3d& point_m);
@@ -75,6 +79,10 @@ ceres::CostFunction* attitude_cost(const FrameBlock& frame, const Eigen::Matrix3
 ceres::CostFunction* height_cost(const GroundSurface& ground, double measured_agl_m, double log_sigma);
 // L⁻¹ ((C_east, C_north) - position), covariance L Lᵀ [frame 6].
 ceres::CostFunction* position_cost(PlanePoint position, const Eigen::Matrix2d& covariance_m2);
+// L⁻¹ (C_east - east, C_north - north, log(C_up - ground(C)) - log agl, heading, pitch and roll less the measured
+// ones), covariance L Lᵀ of these six [frame 6]. Fails below ground.
+ceres::CostFunction* pose_cost(const GroundSurface& ground, const FrameBlock& frame, const CameraPose& measured,
+                               const Eigen::Matrix<double, 6, 6>& covariance);
 // (C_b - C_a - step) / sigma [frame a 6, frame b 6].
 ceres::CostFunction* motion_cost(const Eigen::Vector3d& step_m, double sigma_m);
 // (X_up - ground(X_east, X_north)) / sigma [point 3].

@@ -84,7 +84,7 @@ void SelectedInverse::add(std::size_t i, std::size_t j, const Block& block) {
   }
 }
 
-bool SelectedInverse::factorize() {
+bool SelectedInverse::factorize(const Cancel& cancel) {
   const auto size = static_cast<std::uint32_t>(diagonal_.size());
   // Left-looking: column j is updated by all columns k with an entry in row j. Each such column stands in the list of
   // the row that it updates next.
@@ -97,6 +97,7 @@ bool SelectedInverse::factorize() {
     }
   };
   for (std::uint32_t j = 0; j < size; ++j) {
+    cancel.check();
     for (std::size_t s = begin_[j]; s < begin_[j + 1]; ++s) slot_of[rows_[s]] = static_cast<std::uint32_t>(s);
     for (std::uint32_t k = list[j]; k != kNone;) {
       const std::uint32_t after = next[k];
@@ -149,11 +150,12 @@ Eigen::MatrixXd SelectedInverse::solve(const Eigen::MatrixXd& b) const {
   return result;
 }
 
-void SelectedInverse::invert() {
+void SelectedInverse::invert(const Cancel& cancel) {
   const std::size_t size = diagonal_.size();
   std::vector<std::uint32_t> local(size, kNone);  // of a row: its place in column j
   std::vector<Block> unit, sum;
   for (std::size_t j = size; j-- > 0;) {
+    cancel.check();
     const std::size_t begin = begin_[j], count = begin_[j + 1] - begin;
     const Block inverse_factor = diagonal_[j].triangularView<Eigen::Lower>().solve(Block::Identity());
     unit.resize(count);

@@ -19,6 +19,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/progress.hpp"
+
 namespace nadir {
 
 class SelectedInverse {
@@ -33,12 +35,13 @@ class SelectedInverse {
   // Adds to block (i, j), and its transpose to (j, i); i == j or a pair of the pattern.
   void add(std::size_t i, std::size_t j, const Block& block);
 
-  // False when the matrix is not positive definite: some combination of frames is not determined. Call once.
-  bool factorize();
+  // False when the matrix is not positive definite: some combination of frames is not determined. Call once. Throws
+  // Interrupted.
+  bool factorize(const Cancel& cancel = {});
   // After factorize(): A⁻¹ b for each column of b, which has 6 · size() rows.
   Eigen::MatrixXd solve(const Eigen::MatrixXd& b) const;
   // After factorize(), once; overwrites the factor, so that solve() comes first.
-  void invert();
+  void invert(const Cancel& cancel = {});
 
   // After invert(): a block of the inverse; nullptr where (i, j) with i > j is not in the pattern. Of i < j: transpose
   // that of (j, i).

@@ -129,11 +129,22 @@ ApiResponse estimates(const ApiRequest& request, const FlightStore& store) {
 
 ApiResponse export_track(const ApiRequest& request, const LiveFlight& flight) {
   Query query(request.target);
-  const auto format = parse_track_format(query.take("format", "geojson"));
+  const std::string format_text = query.take("format", "geojson");
+  const auto format = parse_track_format(format_text);
   const std::string kind_text = query.take("kind", "");
   auto kind = parse_kind(kind_text);
-  if (!format || !query.parsed() || (!kind && !kind_text.empty())) {
-    return invalid_query("?format is geojson, csv, kml or gpx; ?kind is online, refined or adjusted");
+  const bool colmap = format_text == "colmap";
+  if ((!format && !colmap) || !query.parsed() || (!kind && !kind_text.empty())) {
+    return invalid_query("?format is geojson, csv, kml, gpx, geo or colmap; ?kind is online, refined or adjusted");
+  }
+  if (colmap) {
+    auto archive = flight.reconstruction();
+    if (!archive)
+      return not_found("reconstruction", "complete the flight first: it is made with the adjusted estimates");
+    ApiResponse response{.content_type = "application/zip", .body = std::move(*archive)};
+    response.headers.emplace_back("Content-Disposition",
+                                  fmt::format("attachment; filename=\"{}-colmap.zip\"", flight.id()));
+    return without_cache(std::move(response));
   }
   const FlightStore& store = flight.store();
   if (!kind) {  // the best there is
@@ -145,7 +156,7 @@ ApiResponse export_track(const ApiRequest& request, const LiveFlight& flight) {
   ApiResponse response{.content_type = std::string(media_type_of(*format)),
                        .body = track_text(*format, store.description().name, store.estimates(*kind))};
   response.headers.emplace_back("Content-Disposition", fmt::format("attachment; filename=\"{}-{}.{}\"", flight.id(),
-                                                                   name_of(*kind), name_of(*format)));
+                                                                   name_of(*kind), ending_of(*format)));
   return without_cache(std::move(response));
 }
 

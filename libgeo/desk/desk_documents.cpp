@@ -49,6 +49,17 @@ std::string csv_text(const std::vector<Estimate>& estimates) {
   return text;
 }
 
+// A name with a space would be read as a name and a number.
+std::string geo_text(const std::vector<Estimate>& estimates) {
+  std::string text = "EPSG:4326\n";
+  for (const Estimate& estimate : estimates) {
+    const bool plain = estimate.frame.find_first_of(" \t\r\n") == std::string::npos && !estimate.frame.empty();
+    if (!estimate.position || !plain) continue;
+    text += fmt::format("{} {:.9f} {:.9f}\n", estimate.frame, estimate.position->lon_deg, estimate.position->lat_deg);
+  }
+  return text;
+}
+
 std::string kml_text(std::string_view title, const std::vector<Estimate>& estimates) {
   std::string text = fmt::format(
       "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<kml xmlns=\"http://www.opengis.net/kml/2.2\">\n<Document>\n"
@@ -90,7 +101,8 @@ std::string gpx_text(std::string_view title, const std::vector<Estimate>& estima
   return text + "</trk>\n</gpx>\n";
 }
 
-constexpr std::array kFormats{TrackFormat::geojson, TrackFormat::csv, TrackFormat::kml, TrackFormat::gpx};
+constexpr std::array kFormats{TrackFormat::geojson, TrackFormat::csv, TrackFormat::kml, TrackFormat::gpx,
+                              TrackFormat::geo};
 
 }  // namespace
 
@@ -121,6 +133,7 @@ json flight_json(const FlightSummary& flight) {
   document["pictures"] = {{"accepted", flight.status.accepted}, {"processed", flight.status.processed}};
   document["completion_requested"] = flight.status.completion_requested;
   document["completed"] = flight.status.completed;
+  document["completed_share"] = flight.status.completed_share;
   document["diagnosis"] = flight.status.diagnosis.empty() ? json() : json(printable(flight.status.diagnosis));
   return document;
 }
@@ -223,9 +236,12 @@ std::string_view name_of(TrackFormat format) {
     case TrackFormat::csv: return "csv";
     case TrackFormat::kml: return "kml";
     case TrackFormat::gpx: return "gpx";
+    case TrackFormat::geo: return "geo";
   }
   return {};
 }
+
+std::string_view ending_of(TrackFormat format) { return format == TrackFormat::geo ? "geo.txt" : name_of(format); }
 
 std::string_view media_type_of(TrackFormat format) {
   switch (format) {
@@ -233,6 +249,7 @@ std::string_view media_type_of(TrackFormat format) {
     case TrackFormat::csv: return "text/csv; charset=utf-8";
     case TrackFormat::kml: return "application/vnd.google-earth.kml+xml";
     case TrackFormat::gpx: return "application/gpx+xml";
+    case TrackFormat::geo: return "text/plain; charset=utf-8";
   }
   return {};
 }
@@ -250,6 +267,7 @@ std::string track_text(TrackFormat format, std::string_view title, const std::ve
     case TrackFormat::csv: return csv_text(estimates);
     case TrackFormat::kml: return kml_text(printable(title), estimates);
     case TrackFormat::gpx: return gpx_text(printable(title), estimates);
+    case TrackFormat::geo: return geo_text(estimates);
   }
   return {};
 }

@@ -29,8 +29,9 @@ nlohmann::json look_json(std::size_t frame, const AnchorReport& look, const Stor
 // "id: …\nevent: …\ndata: …\n\n": the event's members, with its time and its frame.
 std::string event_text(const EventRow& event);
 
-enum class TrackFormat { geojson, csv, kml, gpx };
-std::string_view name_of(TrackFormat format);  // also its file's ending
+enum class TrackFormat { geojson, csv, kml, gpx, geo };  // geo: geo.txt of OpenDroneMap and OpenSfM
+std::string_view name_of(TrackFormat format);
+std::string_view ending_of(TrackFormat format);  // of its file's name
 std::string_view media_type_of(TrackFormat format);
 std::optional<TrackFormat> parse_track_format(std::string_view name);
 

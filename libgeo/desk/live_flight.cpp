@@ -11,6 +11,8 @@
 #include "base/yaml.hpp"
 #include "cli/nadir_version.hpp"
 #include "desk/package_registry.hpp"
+#include "flight_adjustment/flight_adjustment.hpp"
+#include "flight_adjustment/reconstruction_files.hpp"
 #include "replay/replay_flight.hpp"
 #include "vision/camera_frame.hpp"
 
@@ -19,6 +21,7 @@ namespace {
 
 constexpr const char* kCompletionFile = "completion-requested";
 constexpr const char* kDiagnosisFile = "diagnosis.txt";
+constexpr const char* kReconstructionFile = "colmap.zip";
 constexpr double kDiagnosis_s = 15;  // another flight may wait for its turn; chosen
 
 // Gives its slot back, also on the way out of an exception.
@@ -42,6 +45,32 @@ class HeldSlot {
   EngineSlots& slots_;
   const std::stop_token& stop_;
   bool held_;
+};
+
+// How far an adjustment is: features and matching of pictures, then iterations; half of the time each, about.
+class SharedProgress final : public Progress {
+ public:
+  SharedProgress(std::atomic<double>& share, std::atomic<std::uint64_t>& changes) : share_(share), changes_(changes) {}
+  void begin(std::string_view, std::uint64_t total, std::string_view) override {
+    begun_ = std::min(begun_ + 1, 2);
+    total_ = std::max<std::uint64_t>(1, total);
+    done_ = 0;
+  }
+  void advance(std::uint64_t steps) override {
+    done_ += steps;
+    const double part = std::min(1.0, static_cast<double>(done_) / static_cast<double>(total_));
+    share_ = 0.5 * (begun_ - 1 + part);
+  }
+  void end() override {
+    share_ = 0.5 * begun_;
+    ++changes_;
+  }
+
+ private:
+  std::atomic<double>& share_;
+  std::atomic<std::uint64_t>& changes_;
+  int begun_ = 0;
+  std::uint64_t done_ = 0, total_ = 1;
 };
 
 }  // namespace
@@ -85,6 +114,7 @@ LiveFlight::LiveFlight(std::string id, std::unique_ptr<FlightStore> store, const
       store_(std::move(store)),
       completion_file_(folder / kCompletionFile),
       diagnosis_file_(folder / kDiagnosisFile),
+      reconstruction_file_(folder / kReconstructionFile),
       packages_(packages),
       slots_(slots),
       clock_(std::move(clock)) {
@@ -108,8 +138,14 @@ FlightStatus LiveFlight::status() const {
   status.blocked_by = blocked_by_;
   status.completion_requested = completion_requested_;
   status.diagnosis = diagnosis_;
+  status.completed_share = activity_ == FlightActivity::completing ? completed_share_.load() : 0;
   status.completed = completed_ && status.accepted == status.processed;
   return status;
+}
+
+std::optional<std::string> LiveFlight::reconstruction() const {
+  if (!std::filesystem::exists(reconstruction_file_)) return std::nullopt;
+  return std::string(as_text(read_file(reconstruction_file_)));
 }
 
 bool LiveFlight::busy() const {
@@ -295,7 +331,16 @@ std::unique_ptr<FlightEngine> LiveFlight::make_engine() {
     if (session.places && package_->places) setup.localizer.places = &*package_->places;
     if (session.matchability) setup.localizer.matchability = package_->package->matchability();
   }
+  setup_ = setup;
   return std::make_unique<FlightEngine>(*store_, setup, FlightEngineOptions{.clock = clock_, .keep_looks = true});
+}
+
+void LiveFlight::adjust(FlightEngine& engine, const Cancel& cancel) {
+  SharedProgress progress(completed_share_, changes_);
+  const AdjustedFlight adjusted = adjust_flight(flight_to_adjust(*store_, engine, *setup_), progress, cancel);
+  write_file_atomic(reconstruction_file_,
+                    std::string_view(zip_archive(reconstruction_files(adjusted, setup_->camera.camera))));
+  store_->put_estimates(EstimateKind::adjusted, adjusted.estimates, refinement_events(adjusted), clock_());
 }
 
 void LiveFlight::work(const std::stop_token& stop, std::unique_ptr<FlightEngine>& engine) {
@@ -319,6 +364,18 @@ void LiveFlight::work(const std::stop_token& stop, std::unique_ptr<FlightEngine>
   }
   if (!complete) return;
   engine->complete();
+  ++changes_;
+  const auto interrupted = [&] {
+    slot.let_others();
+    return stop.stop_requested() || store_->processed() < store_->accepted();
+  };
+  completed_share_ = 0;
+  try {
+    adjust(*engine, Cancel(interrupted));
+  } catch (const Interrupted&) {
+    if (stop.stop_requested()) throw;
+    return;  // new pictures first
+  }
   std::error_code ignored;
   std::filesystem::remove(completion_file_, ignored);  // one that stays asks for the same once more
   const std::lock_guard lock(mutex_);

@@ -2,11 +2,14 @@
 //
 //   LiveFlight flight(id, FlightStore::open(folder), folder, …);
 //   flight.accept(batch);          // stored; processed as soon as it is this flight's turn
-//   flight.request_completion();   // when the pictures so far are processed: refined estimates
+//   flight.request_completion();   // when the pictures so far are processed: refined estimates, then adjusted ones
 //
 // There is one engine per flight at a time. Engines of several flights take turns, frame by frame, for a few slots
 // (EngineSlots): a long flight does not hold up a short one. What must survive a kill is in the store; a wish to
 // complete the flight is a file beside it until it is fulfilled.
+//
+// The adjustment of a completed flight may take minutes. It lets other flights take turns, and gives up when new
+// pictures arrive: these come first, and the wish to complete the flight stands.
 //
 // Where processing ends in an error (a picture is missing, the disk is full), the flight is blocked until something
 // new arrives: then it is tried again.
@@ -57,7 +60,7 @@ enum class FlightActivity {
   idle,        // nothing to do
   waiting,     // for a slot
   processing,  // pictures
-  completing,  // refined estimates
+  completing,  // refined estimates, then adjusted ones
   blocked      // by an error
 };
 std::string_view name_of(FlightActivity activity);
@@ -67,8 +70,9 @@ struct FlightStatus {
   std::string blocked_by;  // the error
   std::size_t accepted = 0, processed = 0;
   bool completion_requested = false;
-  bool completed = false;  // refined estimates of all accepted pictures are stored
-  std::string diagnosis;   // why the first pictures match nowhere, in words; empty: they do, or nobody knows
+  bool completed = false;      // refined estimates of all accepted pictures are stored
+  double completed_share = 0;  // of the adjustment, while it goes on
+  std::string diagnosis;       // why the first pictures match nowhere, in words; empty: they do, or nobody knows
 };
 
 class LiveFlight {
@@ -84,6 +88,8 @@ class LiveFlight {
   const FlightStore& store() const { return *store_; }
   FlightStatus status() const;
   bool busy() const;  // works, or waits to
+  // The adjusted flight as a ZIP archive (reconstruction_files.hpp); nothing while there is none.
+  std::optional<std::string> reconstruction() const;
 
   // As FlightStore's, from any thread.
   std::vector<PictureAnswer> accept(std::span<const PictureOffer> batch);
@@ -103,6 +109,7 @@ class LiveFlight {
  private:
   void run(const std::stop_token& stop);
   void work(const std::stop_token& stop, std::unique_ptr<FlightEngine>& engine);
+  void adjust(FlightEngine& engine, const Cancel& cancel);
   std::unique_ptr<FlightEngine> make_engine();
   void watch(AnchorVerdict verdict, const std::stop_token& stop);  // of a frame that was processed
   std::string diagnose(const std::stop_token& stop) const;
@@ -113,13 +120,15 @@ class LiveFlight {
 
   const std::string id_;
   const std::unique_ptr<FlightStore> store_;
-  const std::filesystem::path completion_file_, diagnosis_file_;
+  const std::filesystem::path completion_file_, diagnosis_file_, reconstruction_file_;
   PackageRegistry& packages_;
   EngineSlots& slots_;
   const MillisClock clock_;
   std::unique_ptr<const CheckedTiles> tiles_;  // of the engine's own
   std::shared_ptr<const DeskPackage> package_;
-  NoFixWatch no_fix_watch_;  // of the engine's frames
+  std::optional<FlightEngineSetup> setup_;  // of the engine
+  NoFixWatch no_fix_watch_;                 // of the engine's frames
+  std::atomic<double> completed_share_ = 0;
 
   mutable std::mutex mutex_;
   std::condition_variable_any news_;

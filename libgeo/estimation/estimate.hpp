@@ -9,6 +9,7 @@
 
 #include <opencv2/core/mat.hpp>
 
+#include "estimation/pose_measurements.hpp"
 #include "estimation/source_label.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "geodesy/plane_point.hpp"
@@ -94,6 +95,17 @@ struct FramePose {
   // Or this one is so clear in ratio and agreement at once that no wrong place ever came near (docs/safety.md).
   bool confirmed = false;
   bool refined = false;  // smoothed with all later measurements
+};
+
+// A frame after smoothing, and what vision measured of it: what an adjustment of the whole flight begins with.
+struct SmoothedFrame {
+  CameraPose pose;                                          // in the map's plane
+  Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();  // of the position, east and north, map error excluded
+  Eigen::Matrix2d shared_m2 = Eigen::Matrix2d::Zero();      // what no number of anchors averages out
+  TelemetryReference reference;                             // that the anchor is relative to
+  double tilt_sigma_rad = 0;              // of the measured tilt against the frames around it; as the flight showed
+  std::optional<PoseMeasurement> anchor;  // accepted online; as the filter was given it
+  bool continues_flight = false;          // odometry tracked it from the frame before
 };
 
 struct FrameReport {

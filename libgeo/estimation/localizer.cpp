@@ -732,4 +732,10 @@ std::vector<std::optional<FramePose>> Localizer::refined_poses() const {
   return nadir::refined_poses(s.flown());
 }
 
+std::vector<SmoothedFrame> Localizer::smoothed() const {
+  const Impl& s = *impl_;
+  if (!s.placed || !s.filter) return {};
+  return smoothed_frames(s.flown(), *s.filter);
+}
+
 }  // namespace nadir

@@ -122,6 +122,8 @@ class Localizer {
   // The camera's poses of the same frames, after smoothing: of those whose own anchor was accepted and contradicts no
   // other.
   std::vector<std::optional<FramePose>> refined_poses() const;
+  // The same flight as an adjustment begins with it; empty while nothing is known of any position.
+  std::vector<SmoothedFrame> smoothed() const;
 
  private:
   struct Impl;

@@ -83,4 +83,23 @@ std::vector<std::optional<FramePose>> refined_poses(const FlownFlight& flight) {
   return poses;
 }
 
+std::vector<SmoothedFrame> smoothed_frames(const FlownFlight& flight, const FlightFilter& last) {
+  const std::vector<FlightStep>& steps = flight.steps;
+  const SmoothedFlight smoothed = smooth_flight(flight.initial, steps);
+  const std::vector<double> sigmas_m = map_sigmas_m(steps);
+  const double white_rad = last.white_tilt_sigma_rad();
+  std::vector<SmoothedFrame> frames(steps.size());
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    SmoothedFrame& frame = frames[i];
+    frame.pose = camera_pose(smoothed.frames[i].state, steps[i].reference);
+    frame.covariance_m2 = smoothed.frames[i].covariance_m2;
+    if (flight.anchored) frame.shared_m2 = flight.shared_error_m2(sigmas_m[i]);
+    frame.reference = steps[i].reference;
+    frame.tilt_sigma_rad = white_rad;
+    frame.anchor = steps[i].anchor;
+    frame.continues_flight = steps[i].relative_motion.has_value();
+  }
+  return frames;
+}
+
 }  // namespace nadir

@@ -32,4 +32,7 @@ std::vector<Estimate> refined_estimates(std::vector<Estimate> online, const Flow
 // For each step, if its own anchor was accepted and contradicts no other.
 std::vector<std::optional<FramePose>> refined_poses(const FlownFlight& flight);
 
+// last: the filter after the last step, for what it has learned of the telemetry.
+std::vector<SmoothedFrame> smoothed_frames(const FlownFlight& flight, const FlightFilter& last);
+
 }  // namespace nadir

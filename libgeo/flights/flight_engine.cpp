@@ -247,4 +247,6 @@ std::vector<std::optional<FramePose>> FlightEngine::refined_poses() {
   return impl_->running({}, {}).localizer->refined_poses();
 }
 
+std::vector<SmoothedFrame> FlightEngine::smoothed() { return impl_->running({}, {}).localizer->smoothed(); }
+
 }  // namespace nadir

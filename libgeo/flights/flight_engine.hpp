@@ -72,6 +72,7 @@ class FlightEngine {
   // Of all frames that were processed (Localizer); of merged segments as they were placed.
   std::vector<Estimate> refined();
   std::vector<std::optional<FramePose>> refined_poses();
+  std::vector<SmoothedFrame> smoothed();
 
  private:
   struct Impl;

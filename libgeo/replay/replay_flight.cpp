@@ -225,14 +225,13 @@ void fly_folder(const Flight& flight, const ReplaySetup& setup, FlightStore& sto
   } else {
     check_same_pictures(flight, store);
   }
-  FlightEngine engine(store,
-                      {.camera = flight.camera,
-                       .shrink = picture_shrink(flight, setup),
-                       .frame = setup.frame,
-                       .tiles = setup.tiles,
-                       .start = setup.start,
-                       .localizer = localizer_config(setup)},
-                      {.clock = system_clock_millis, .keep_looks = setup.store != nullptr});
+  const FlightEngineSetup made_of{.camera = flight.camera,
+                                  .shrink = picture_shrink(flight, setup),
+                                  .frame = setup.frame,
+                                  .tiles = setup.tiles,
+                                  .start = setup.start,
+                                  .localizer = localizer_config(setup)};
+  FlightEngine engine(store, made_of, {.clock = system_clock_millis, .keep_looks = setup.store != nullptr});
   engine.process({}, [&](std::size_t frame, FrameReport& report, bool restored) {
     collector.before(frame);
     EstimateRecord published{frame, report.estimate, report.odometry, report.state};
@@ -243,6 +242,7 @@ void fly_folder(const Flight& flight, const ReplaySetup& setup, FlightStore& sto
   });
   collector.result.refined = engine.refined();
   collector.result.poses = engine.refined_poses();
+  if (setup.on_flown) setup.on_flown(store, engine, made_of);
 }
 
 void fly_recording(const Flight& flight, const ReplaySetup& setup, ReplayCollector& collector) {

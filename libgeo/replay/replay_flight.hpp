@@ -12,6 +12,7 @@
 #include "base/progress.hpp"
 #include "estimation/estimate.hpp"
 #include "estimation/visual_odometry.hpp"
+#include "flights/flight_engine.hpp"
 #include "flights/flight_store.hpp"
 #include "flights/no_fix_diagnosis.hpp"
 #include "geodesy/local_frame.hpp"
@@ -54,6 +55,9 @@ struct ReplaySetup {
   ReplayRecording* recording = nullptr;      // where it is recorded, if anywhere
   const RecordedFlight* recorded = nullptr;  // flown as it was then: its configuration, its late anchors
   std::optional<double> ground_msl_m{};      // of the ground, where it is known: for a diagnosis
+  // After the last frame of a folder of frames, with the engine that has flown it and what it was made of. Empty:
+  // nobody has more to do with it.
+  std::function<void(const FlightStore&, FlightEngine&, const FlightEngineSetup&)> on_flown{};
   // While the replay goes on: that the first frames match nowhere, and why, as soon as it is known. Empty: nobody wants
   // to know, and nothing is tried.
   std::function<void()> on_no_match{};

@@ -236,6 +236,7 @@ nlohmann::json json_from(const Summary& summary) {
                              {"integrity", json_from(summary.integrity)}};
   if (s.errors) document.update(json_from(*s.errors));
   if (summary.refined.errors) document["refined"] = json_from(*summary.refined.errors);
+  if (summary.adjusted && summary.adjusted->errors) document["adjusted"] = json_from(*summary.adjusted->errors);
   return document;
 }
 
@@ -260,6 +261,11 @@ Figures figures_from(const Summary& summary) {
   if (const auto& e = summary.refined.errors) {
     figures.emplace_back("smoothed: median error", fmt::format("{:.1f} m", e->median_m));
     figures.emplace_back("smoothed: 95 % of errors below", fmt::format("{:.1f} m", e->p95_m));
+  }
+  if (summary.adjusted && summary.adjusted->errors) {
+    const ErrorFigures& e = *summary.adjusted->errors;
+    figures.emplace_back("adjusted: median error", fmt::format("{:.1f} m", e.median_m));
+    figures.emplace_back("adjusted: 95 % of errors below", fmt::format("{:.1f} m", e.p95_m));
   }
   const IntegrityFigures& i = summary.integrity;
   figures.emplace_back(fmt::format("protection level within {} m", i.alert_limit_m),

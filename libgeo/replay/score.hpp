@@ -82,6 +82,7 @@ double quantile(std::vector<double> values, double share);
 struct Summary {
   Score streamed;
   Score refined;
+  std::optional<Score> adjusted{};  // by block adjustment, where it was asked for
   IntegrityFigures integrity;
   double peak_memory_mb = 0;  // of this process, 10^6 bytes
 };

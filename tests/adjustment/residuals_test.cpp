@@ -98,6 +98,11 @@ TEST(AdjustmentResiduals, TheirDerivativesAreThoseOfTheirValues) {
     covariance << 9, 2, 2, 4;
     const std::unique_ptr<ceres::CostFunction> position(position_cost({3, 4}, covariance));
     EXPECT_LT(derivative_error(*position, {values_of(frame)}), 1e-6) << i;
+    Eigen::Matrix<double, 6, 6> whole = Eigen::Matrix<double, 6, 6>::Identity();
+    whole.topLeftCorner<2, 2>() = covariance;
+    whole(0, 4) = whole(4, 0) = 0.02, whole(2, 2) = whole(3, 3) = whole(4, 4) = whole(5, 5) = 1e-3;
+    const std::unique_ptr<ceres::CostFunction> pose(pose_cost(ground, frame, {{3, 4}, 140, {1, 0.1, -0.2}}, whole));
+    EXPECT_LT(derivative_error(*pose, {values_of(frame)}), 5e-3) << i;  // likewise
     const std::unique_ptr<ceres::CostFunction> motion(motion_cost({3, 4, 5}, 2));
     EXPECT_LT(derivative_error(*motion, {values_of(frame), values_of(other)}), 1e-6) << i;
     const std::unique_ptr<ceres::CostFunction> control(control_cost({3, 4}, 5));

@@ -29,6 +29,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres
   desk          stored flights and the desk: creating one, a batch of pictures, a frame, its event, an object's place, resuming (two minutes)
   large-flight  a stored flight of 3000 pictures of 26 megapixels: memory, time, drift (FOLDER [FRAMES]; half an hour, 14 GB)
+  adjusted      flights from pictures, adjusted as a whole: photos of shared/data and simulated ones (15 minutes; --only NAME, --seeds N)
   adjustment    block adjustment of a drawn survey: 3000 frames, 200 000 observations (two minutes; --frames N)
   closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
   chaos         the same under faults, in five parts (25 minutes; --only PART). kill: nadird killed every 30 s; faults: disk full, link
@@ -99,6 +100,7 @@ part() {
     smoothing)    one_program bench_smoothing && build/bin/bench_smoothing "$@" ;;
     desk)         one_program bench_desk && desk "$@" ;;
     large-flight) one_program bench_large_flight && build/bin/bench_large_flight "$@" ;;
+    adjusted)     one_program nadir && one_program bench_adjusted_flight && python3 -B "$here/adjusted.py" build "$@" ;;
     adjustment)   one_program bench_adjustment && build/bin/bench_adjustment "$@" ;;
     closed-loop)  build-venv/bin/python -B "$here/../e2e/closed_loop.py" "$@" ;;
     sync)         one_program test_killed_sync && one_program test_make_candidates && python3 -B "$here/sync.py" "$@" ;;
@@ -122,8 +124,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, adjustment, desk, large-flight, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
-  build | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjustment | desk | large-flight | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
+    echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, adjusted, adjustment, desk, large-flight, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
+  build | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjusted | adjustment | desk | large-flight | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -56,6 +56,7 @@ TEST_F(DeskApiTest, PicturesBecomeATrack) {
   EXPECT_EQ(read(flight + "/estimates?first=3&limit=1")["estimates"][0]["frame"], 3);
   EXPECT_TRUE(read(flight + "/estimates?kind=refined")["estimates"].empty());
   EXPECT_EQ(read(flight + "/segments")["segments"][0]["state"], "floating");
+  expect_problem(call(get(flight + "/export?format=colmap")), 404, "reconstruction");
 
   expect_problem(call(get(flight + "/looks/99")), 404, "frame");
   expect_problem(call(get(flight + "/looks/1/seen")), 404, "look");
@@ -64,8 +65,16 @@ TEST_F(DeskApiTest, PicturesBecomeATrack) {
   EXPECT_EQ(call(post(flight + "/complete", "")).status, 202);
   const auto completed = settled(flight);
   EXPECT_EQ(completed["state"], "completed");
-  EXPECT_THAT(completed["kinds"].get<std::vector<std::string>>(), ElementsAre("online", "refined"));
+  EXPECT_THAT(completed["kinds"].get<std::vector<std::string>>(), ElementsAre("online", "refined", "adjusted"));
   EXPECT_EQ(read(flight + "/estimates?kind=refined")["estimates"].size(), pictures.size());
+  const auto adjusted = read(flight + "/estimates?kind=adjusted")["estimates"];
+  ASSERT_EQ(adjusted.size(), pictures.size());
+  EXPECT_FALSE(adjusted[4]["position"].is_null());
+  const ApiResponse archive = call(get(flight + "/export?format=colmap"));
+  EXPECT_EQ(archive.content_type, "application/zip");
+  EXPECT_EQ(archive.body.substr(0, 4), std::string("PK\x03\x04"));
+  EXPECT_NE(archive.body.find("frame4.img"), std::string::npos);
+  EXPECT_THAT(call(get(flight + "/export?format=geo")).body, testing::StartsWith("EPSG:4326\nframe0.img "));
 }
 
 // The same pictures give the same bytes as a flight of the library, and so as `nadir replay`.

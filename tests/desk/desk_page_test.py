@@ -145,7 +145,7 @@ class DeskPage(support.EndToEnd):
 
         browser.evaluate("document.getElementById('complete').click()")
         browser.wait_for(TEXT.format("state") + " === 'completed'")
-        browser.wait_for("document.getElementById('kind-refined').getAttribute('aria-pressed') === 'true'")
+        browser.wait_for("document.getElementById('kind-adjusted').getAttribute('aria-pressed') === 'true'")
         self.check_quiet(browser)
 
     def test_photos_become_a_flight_when_what_they_do_not_say_is_stated(self):
@@ -301,12 +301,12 @@ class DeskPage(support.EndToEnd):
     def test_before_and_after_are_compared(self):
         _, address = self.flown(complete=True)
         browser = self.browse(address)
-        browser.wait_for("document.getElementById('kind-refined').getAttribute('aria-pressed') === 'true'")
+        browser.wait_for("document.getElementById('kind-adjusted').getAttribute('aria-pressed') === 'true'")
         self.key(browser, "c")
         browser.wait_for(TEXT.format("difference") + ".startsWith('Dashed: as it came. Frames differ by')")
         self.keep(browser, "compare")
         browser.evaluate("document.getElementById('kind-online').click()")
-        browser.wait_for(TEXT.format("difference") + ".startsWith('Dashed: refined')")
+        browser.wait_for(TEXT.format("difference") + ".startsWith('Dashed: adjusted')")
         self.check_quiet(browser)
 
     def test_candidates_are_shown_beside_the_picture(self):

@@ -25,11 +25,11 @@ class DeskServe(support.EndToEnd):
         return desk
 
     def replayed(self, made, at):
-        """estimates.csv of `nadir replay` over the same frames."""
+        """estimates.csv, refined.csv and adjusted.csv of `nadir replay` over the same frames."""
         flight, out = made / "flight", self.folder / "replay"
         self.good("replay", "--package", made / "package", "--trust", made / "root.json", "--at", at, "--frames", flight / "frames", "--telemetry",
-                  flight / "telemetry.csv", "--camera", flight / "camera.yaml", "--out", out)
-        return (out / "estimates.csv").read_text(), (out / "refined.csv").read_text()
+                  flight / "telemetry.csv", "--camera", flight / "camera.yaml", "--adjust", "--out", out)
+        return [(out / f"{name}.csv").read_text() for name in ("estimates", "refined", "adjusted")]
 
     @staticmethod
     def rows(text):
@@ -45,8 +45,7 @@ class DeskServe(support.EndToEnd):
         desk.settled(flight)
         desk.json("POST", flight + "/complete", expect=202)
         self.assertEqual("completed", desk.settled(flight)["state"])
-        online, refined = self.replayed(desk.made, desk.at)
-        for kind, replayed in (("online", online), ("refined", refined)):
+        for kind, replayed in zip(("online", "refined", "adjusted"), self.replayed(desk.made, desk.at)):
             status, _, exported = desk.call("GET", f"{flight}/export?format=csv&kind={kind}")
             self.assertEqual(200, status)
             self.assertEqual(self.rows(replayed), self.rows(exported.decode()), kind)

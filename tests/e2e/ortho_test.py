@@ -107,6 +107,28 @@ class Ortho(EndToEnd):
         self.fails(2, *self.ask(f / "out", estimates=f / "none.json"), mentions=["none.json"], leaves_nothing=f / "out")
         self.fails(2, *self.ask(f / "out", estimates=poses, odometry="flow"), mentions=["--odometry"], leaves_nothing=f / "out")
 
+    def test_adjusted_poses_make_tiles(self):
+        f = self.folder
+        self.replay(f / "result", "--adjust")
+        summary = json.loads((f / "result/summary.json").read_text())
+        adjustment = summary["adjustment"]
+        self.assertEqual("converged", adjustment["outcome"])
+        self.assertLess(adjustment["mean_reprojection_px"], 1)
+        self.assertGreater(adjustment["observations"], 50)
+        self.assertEqual(5, adjustment["anchored_frames"])
+        self.assertEqual(6, len((f / "result/adjusted.csv").read_text().splitlines()))
+        self.assertEqual({"cameras.txt", "images.txt", "points3D.txt", "geo.txt"}, {path.name for path in (f / "result/colmap").iterdir()})
+        self.replay(f / "plain", "--record", f / "recording", "--keep-frames")
+        self.fails(2, "replay", "--recorder", f / "recording", "--package", f / "package", "--trust", f / "root.json", "--at", "2025-09-20",
+                   "--adjust", "--out", f / "again", mentions=["--adjust"], leaves_nothing=f / "again")
+        plain, adjusted = (json.loads((f / name / "poses.json").read_text())["poses"] for name in ("plain", "result"))
+        self.assertEqual([pose["frame"] for pose in plain], [pose["frame"] for pose in adjusted])
+        self.assertNotEqual(plain, adjusted)
+        self.start = None
+        self.good(*self.ask(f / "tiles", estimates=f / "result/poses.json"))
+        tiles = sqlite3.connect(f"file:{f}/tiles/tiles.mbtiles?mode=ro", uri=True)
+        self.assertGreaterEqual(tiles.execute("SELECT count(*) FROM tiles").fetchone()[0], 1)
+
     def test_frames_smaller_than_tiles_are_told_a_finer_zoom(self):
         f = self.folder
         coarse = self.good(*self.ask(f / "coarse", zoom=15), "--json")

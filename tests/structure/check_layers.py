@@ -26,6 +26,7 @@ ALLOWED = {
     "ortho": "base geodesy imagery trust vision estimation",
     "recorder": "base geodesy imagery vision estimation",
     "flights": "base geodesy imagery vision estimation recorder",
+    "flight_adjustment": "base geodesy imagery vision estimation adjustment recorder flights",
     "replay": "base geodesy imagery trust package vision estimation ortho recorder flights fixes cli report map_page",
     # to other machines and to people
     "mavlink": "base geodesy",
@@ -37,7 +38,7 @@ ALLOWED = {
     "verify_request": "base package cli",
     "nadird_client": "base http cli",
     "flight_import": "base geodesy imagery vision mavlink replay camera",
-    "desk": "base geodesy imagery package vision estimation adjustment flight_import flights replay http cli report map_page",
+    "desk": "base geodesy imagery package vision estimation adjustment flight_import flights flight_adjustment replay http cli report map_page",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
     "raster": "base geodesy imagery package",
@@ -53,8 +54,8 @@ ALLOWED = {
     "flight": "base geodesy imagery trust package vision estimation ortho recorder mavlink fixes cli api camera service",
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
-    "commands": "base geodesy imagery trust package vision estimation ortho recorder flights replay mavlink upload raster package_build catalogue "
-                "simulation provision flight_import cli report map_page verify_request nadird_client desk",
+    "commands": "base geodesy imagery trust package vision estimation adjustment ortho recorder flights flight_adjustment replay mavlink upload raster package_build "
+                "catalogue simulation provision flight_import cli report map_page verify_request nadird_client desk",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }

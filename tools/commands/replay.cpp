@@ -18,6 +18,8 @@
 #include "cli/output.hpp"
 #include "commands/commands.hpp"
 #include "commands/recorder/flight_tables.hpp"
+#include "flight_adjustment/flight_adjustment.hpp"
+#include "flight_adjustment/reconstruction_files.hpp"
 #include "flights/flight_engine.hpp"
 #include "flights/flight_store.hpp"
 #include "flights/no_fix_diagnosis.hpp"
@@ -136,9 +138,9 @@ std::string notice_of(const std::optional<NoFixDiagnosis>& diagnosis) {
   return "no frame was localized on the map" + (diagnosis ? ": " + diagnosis->text : std::string());
 }
 
-void write_refined(const std::filesystem::path& path, const std::vector<Estimate>& refined) {
+void write_estimates(const std::filesystem::path& path, const std::vector<Estimate>& estimates) {
   EstimatesCsv csv(path);
-  for (const Estimate& estimate : refined) csv.write(estimate);
+  for (const Estimate& estimate : estimates) csv.write(estimate);
 }
 
 void remark(Context& context, std::string_view text) {
@@ -180,6 +182,7 @@ class ReplayCommand final : public Command {
   std::optional<std::filesystem::path> record_;
   bool keep_frames_ = false;
   bool resume_ = false;
+  bool adjust_ = false;
   std::optional<double> integrity_risk_, alert_limit_m_;
 };
 
@@ -197,6 +200,10 @@ that was killed continues there with --resume and gives the same estimates; one 
 With --record the replay is recorded as the aircraft records a flight. With --recorder a recorded
 flight is replayed with its recorded inputs and settings, and every estimate is compared; so is every
 fix that was sent to the autopilot, and OUT receives fixes.csv.
+
+With --adjust the flight is adjusted as a whole afterwards, with tie points from its pictures, and OUT
+receives adjusted.csv and colmap/, a model for COLMAP with geo.txt for OpenDroneMap; poses.json then
+has the adjusted poses.
 
 When the first frames match nowhere, a few are tried at other heights, headings and places, and what
 they match at is said: heights in feet, a wrong start, the package of another place.
@@ -217,6 +224,8 @@ void ReplayCommand::setup(Options& options) {
   options.value("--truth", truth_, "FILE.csv", "ground truth positions, for scoring only");
   options.value("--record", record_, "DIR", "folder to create: the replay as the flight recorder records it");
   options.flag("--keep-frames", keep_frames_, "record the frames' images as well").needs("--record");
+  options.flag("--adjust", adjust_,
+               "adjust the whole flight afterwards: tie points, looks at the map and telemetry together");
   options.flag("--resume", resume_,
                "continue a replay that was killed or interrupted, with the same inputs and options");
   options
@@ -241,6 +250,12 @@ int ReplayCommand::run(Context& context) {
     throw UsageError({.what = "nadir replay --recorder cannot be resumed",
                       .where = "--resume",
                       .fix = "leave it out: a recording is replayed from its beginning"});
+  }
+  if (adjust_ && request_.recorder()) {
+    throw UsageError({.what = "nadir replay --recorder cannot adjust the flight",
+                      .where = "--adjust",
+                      .fix = "leave it out, or replay its pictures with --frames, --telemetry and --camera: a recorded "
+                             "flight is replayed exactly as it was flown, and compared"});
   }
   StagingDirectory staging(out_, resume_ ? StagingDirectory::Leftovers::keep : StagingDirectory::Leftovers::discard);
   staging.keep(resume_ && staging.found_leftovers());
@@ -298,6 +313,13 @@ int ReplayCommand::run(Context& context) {
   if (!recorded) store = flight_store(stored, flight_description(flight, session), flight.frames_folder, resumable);
   setup.store = store.get();
   staging.keep(resume_);
+  std::optional<AdjustedFlight> adjusted;
+  if (adjust_) {
+    setup.on_flown = [&](const FlightStore& flown, FlightEngine& engine, const FlightEngineSetup& made_of) {
+      context.progress.end();
+      adjusted = adjust_flight(flight_to_adjust(flown, engine, made_of), context.progress);
+    };
+  }
   EstimatesCsv csv(staging.path() / "estimates.csv");
   ReplayedFlight flown = replay_flight(flight, setup, truth, &csv, context.progress);
   if (recording) {
@@ -308,7 +330,15 @@ int ReplayCommand::run(Context& context) {
   store.reset();
   std::filesystem::remove_all(stored);
   std::filesystem::remove_all(unpacked);
-  write_refined(staging.path() / "refined.csv", flown.refined);
+  write_estimates(staging.path() / "refined.csv", flown.refined);
+  if (adjusted) {
+    write_estimates(staging.path() / "adjusted.csv", adjusted->estimates);
+    std::filesystem::create_directory(staging.path() / "colmap");
+    for (const auto& [name, text] : reconstruction_files(*adjusted, flight.camera.camera)) {
+      write_file_atomic(staging.path() / "colmap" / name, text);
+    }
+    flown.poses = adjusted->poses;
+  }
   if (package != nullptr) {
     write_file_atomic(staging.path() / kPosesFile,
                       poses_json(poses_document(request_.poses_subject(*ready), flight.frames, flown.poses)));
@@ -320,10 +350,12 @@ int ReplayCommand::run(Context& context) {
   const std::vector<Estimate> estimates = estimates_of(flown.frames);
   const Summary summary{.streamed = score(estimates, truth, frame),
                         .refined = score(flown.refined, truth, frame),
+                        .adjusted = adjusted ? std::optional(score(adjusted->estimates, truth, frame)) : std::nullopt,
                         .integrity = integrity_figures(estimates, truth, frame, alert_limit_m),
                         .peak_memory_mb = peak_memory_mb()};
   const bool nothing_localized = package != nullptr && !recorded && summary.streamed.localized_share == 0;
   nlohmann::json document = json_from(summary);
+  if (adjusted) document["adjustment"] = json_from(adjusted->summary);
   if (flown.diagnosis) document["diagnosis"] = json_from(*flown.diagnosis);
   write_file_atomic(staging.path() / "summary.json", document.dump(2) + "\n");
   write_file_atomic(staging.path() / "track.geojson", track_geojson(estimates, flown.refined, truth));

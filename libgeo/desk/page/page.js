@@ -62,6 +62,7 @@ const refreshHead = async (flight) => {
   showFlightHead(head);
   for (const kind of kinds) byId("kind-" + kind).disabled = !head.kinds.includes(kind);
   byId("compare").disabled = head.kinds.length < 2;
+  byId("export-colmap").hidden = !head.kinds.includes("adjusted");
   return head;
 };
 const refreshSegments = async (flight) => {
