@@ -332,7 +332,8 @@ void AdjustmentRun::add_calibration() {
   add(&c.log_focal, {prior.focal_relative}, {0});
   add(c.distortion.data(), {prior.radial, prior.radial, prior.tangential, prior.tangential, prior.radial},
       {k.begin(), k.end()});
-  add(c.boresight_rad.data(), {prior.boresight_rad, prior.boresight_rad, prior.heading_boresight_rad}, {0, 0, 0});
+  add(c.boresight_rad.data(), {prior.boresight_axis_rad(0), prior.boresight_axis_rad(1), prior.boresight_axis_rad(2)},
+      {0, 0, 0});
   add(&c.log_height_scale, {prior.height_scale}, {0});
 }
 
@@ -576,7 +577,7 @@ void AdjustmentRun::report_calibration() {
     result.distortion[i] = calibrated(c.distortion[i], i == 2 || i == 3 ? prior.tangential : prior.radial);
   }
   for (std::size_t i = 0; i < 3; ++i) {
-    result.boresight[i] = calibrated(c.boresight_rad[i], i == 2 ? prior.heading_boresight_rad : prior.boresight_rad);
+    result.boresight[i] = calibrated(c.boresight_rad[i], prior.boresight_axis_rad(i));
   }
   result.log_height_scale = calibrated(c.log_height_scale, prior.height_scale);
 }

@@ -106,7 +106,7 @@ BlockAdjustment::BlockAdjustment(const CameraModel& camera, const GroundSurface&
   require_positive(options.terrain_sigma_m, "the terrain's sigma is impossible", "options");
   const CalibrationPrior& prior = options.calibration;
   for (const double value : {prior.focal_relative, prior.radial, prior.tangential, prior.boresight_rad,
-                             prior.heading_boresight_rad, prior.height_scale, options.terrain_correlation_m}) {
+                             prior.boresight_axis_rad(2), prior.height_scale, options.terrain_correlation_m}) {
     if (!(value >= 0) || !std::isfinite(value)) {
       reject("an option is impossible", "options", "a finite number, 0 or more", fmt::format("{}", value));
     }

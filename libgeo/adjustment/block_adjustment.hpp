@@ -132,9 +132,13 @@ struct CalibrationPrior {
   double focal_relative = parameters::adjustment::kFocalSigma;
   double radial = parameters::adjustment::kRadialSigma;
   double tangential = parameters::adjustment::kTangentialSigma;
-  double boresight_rad = parameters::adjustment::kBoresightSigma_rad;          // about the camera's x and y
-  double heading_boresight_rad = parameters::adjustment::kBoresightSigma_rad;  // about the optical axis
+  double boresight_rad = parameters::adjustment::kBoresightSigma_rad;
+  std::optional<double> heading_boresight_rad{};  // about the optical axis; nothing: as about the other two
   double height_scale = parameters::adjustment::kHeightScaleSigma;
+
+  double boresight_axis_rad(std::size_t axis) const {
+    return axis == 2 ? heading_boresight_rad.value_or(boresight_rad) : boresight_rad;
+  }
 };
 
 struct AdjustmentOptions {

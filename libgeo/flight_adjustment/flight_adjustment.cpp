@@ -1,5 +1,6 @@
 #include "flight_adjustment/flight_adjustment.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -120,6 +121,20 @@ class MeasuredFlight {
   bool tilt_logged_ = false, anchored_ = false;
 };
 
+// Variances of a covariance of the filter's range over twelve orders of magnitude, from what the image determines to
+// what it does not, so that rounding may leave it indefinite: its correlations are bounded.
+Eigen::Matrix<double, 6, 6> regular(const Eigen::Matrix<double, 6, 6>& covariance) {
+  const Eigen::Matrix<double, 6, 1> sigmas = covariance.diagonal().cwiseMax(kLeastAnchorVariance).cwiseSqrt();
+  const Eigen::Matrix<double, 6, 6> scale = sigmas.cwiseInverse().asDiagonal();
+  const Eigen::Matrix<double, 6, 6> scaled = scale * 0.5 * (covariance + covariance.transpose()) * scale;
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>> eigen(scaled);
+  const Eigen::Matrix<double, 6, 6> bounded = eigen.eigenvectors() *
+                                              eigen.eigenvalues().cwiseMax(kLeastCorrelation).asDiagonal() *
+                                              eigen.eigenvectors().transpose();
+  const Eigen::Matrix<double, 6, 6> whole = sigmas.asDiagonal() * bounded * sigmas.asDiagonal();
+  return 0.5 * (whole + whole.transpose());
+}
+
 // The look as it was measured: the filter's values are beyond the telemetry's.
 PoseAnchor pose_anchor(std::size_t i, const SmoothedFrame& frame) {
   const Eigen::Matrix<double, 6, 1>& z = frame.anchor->value;
@@ -128,7 +143,7 @@ PoseAnchor pose_anchor(std::size_t i, const SmoothedFrame& frame) {
   anchor.pose.position = {z[0], z[1]};
   anchor.pose.agl_m = frame.reference.agl_m * std::exp(z[2]);
   anchor.pose.attitude = {z[3], frame.reference.tilt_rad.x() + z[4], frame.reference.tilt_rad.y() + z[5]};
-  anchor.covariance = 0.5 * (frame.anchor->covariance + frame.anchor->covariance.transpose());
+  anchor.covariance = regular(frame.anchor->covariance);
   return anchor;
 }
 
