@@ -123,6 +123,49 @@ TEST(BlockAdjustment, OneFrameWithAnAnchorIsTheClosedForm) {
   EXPECT_NEAR((*block.frames[0].covariance)(5, 5), 4e-4, 1e-9);
 }
 
+// Tilt and position are one unknown of the look: whoever measures the tilt moves the position.
+TEST(BlockAdjustment, AWholePoseKeepsWhatTiltAndPositionHaveInCommon) {
+  const FlatGround ground;
+  BlockAdjustment block(plain_camera(), ground, held_adjustment());
+  AdjustmentFrame frame;
+  frame.pose = {{0, 0}, 100, {}};
+  frame.attitude = AttitudeMeasurement{{0, 0.02, 0}, 1e-4, 1e-4};
+  block.add_frame(frame);
+  PoseAnchor anchor;
+  anchor.pose = {{10, 20}, 100, {}};
+  anchor.covariance.setZero();
+  anchor.covariance.diagonal() << 1, 25, 1e-4, 1e-4, 25e-4, 1e-4;
+  anchor.covariance(1, 4) = anchor.covariance(4, 1) = -0.999 * 5 * 0.05;  // pitch up: farther back
+  block.add_anchor(anchor);
+  const AdjustedBlock result = adjusted(block);
+  EXPECT_EQ(result.frames[0].state, FrameState::anchored);
+  EXPECT_NEAR(result.frames[0].pose.position.north_m, 20 - 0.999 * 100 * 0.02, 0.05);
+  EXPECT_NEAR(result.frames[0].pose.position.east_m, 10, 1e-6);
+  EXPECT_LT((*result.frames[0].covariance)(1, 1), 0.1);
+  EXPECT_FALSE(result.anchors[0].switched_off);
+}
+
+TEST(BlockAdjustment, AWholePoseThatCannotBeIsRefused) {
+  const FlatGround ground;
+  BlockAdjustment block(plain_camera(), ground);
+  block.add_frame(frame_at({0, 0}));
+  PoseAnchor anchor;
+  anchor.pose = {{0, 0}, 100, {}};
+  anchor.covariance(0, 0) = -1;
+  EXPECT_THROW(block.add_anchor(anchor), UsageError);
+  anchor.covariance.setIdentity();
+  anchor.covariance(2, 3) = 0.5;  // not symmetric
+  EXPECT_THROW(block.add_anchor(anchor), UsageError);
+  anchor.covariance.setIdentity();
+  anchor.pose.agl_m = 0;
+  EXPECT_THROW(block.add_anchor(anchor), UsageError);
+  anchor.pose.agl_m = 100;
+  anchor.frame = 1;
+  EXPECT_THROW(block.add_anchor(anchor), UsageError);
+  anchor.frame = 0;
+  EXPECT_EQ(block.add_anchor(anchor), 0U);
+}
+
 TEST(BlockAdjustment, OneFrameAloneFloats) {
   const FlatGround ground;
   BlockAdjustment adjustment(plain_camera(), ground, held_adjustment());
