@@ -121,6 +121,8 @@ inline constexpr std::size_t kObservationsPerFrame = 70;   // desk.md's 200 000 
 // A flight into a block.
 namespace nadir::parameters::flight_adjustment {
 
+inline constexpr double kMostAnchorLogHeight = 1;      // of a look, over the telemetry's height; beyond: not credible
+inline constexpr double kMostAnchorTilt_rad = 1;       // likewise, beyond the telemetry's tilt
 inline constexpr double kLeastAnchorVariance = 1e-12;  // numerical
 inline constexpr double kLeastCorrelation = 1e-9;      // eigenvalue of an anchor's correlations; numerical
 inline constexpr double kLeastFixSigma_m = 0.5;        // nobody clicks better on a map; chosen

@@ -45,6 +45,22 @@ class JoinedFrames {
 
 double one_axis_m(const Eigen::Matrix2d& covariance_m2) { return std::sqrt(0.5 * covariance_m2.trace()); }
 
+struct KnownPlace {
+  PlanePoint position;
+  Eigen::Matrix2d covariance_m2;
+};
+
+bool is_placed(const FlightToAdjust& flight, std::size_t i) {
+  return i < flight.placed.size() && flight.placed[i] && flight.refined[i].position;
+}
+
+// Where the frame is, as far as it is known before.
+KnownPlace known_place(const FlightToAdjust& flight, std::size_t i) {
+  const SmoothedFrame& frame = flight.smoothed[i];
+  if (!is_placed(flight, i)) return {frame.pose.position, frame.covariance_m2};
+  return {flight.plane.plane_from_lonlat(*flight.refined[i].position), flight.refined[i].covariance_m2};
+}
+
 // The telemetry of a camera: what of it counts in the adjustment, and how much.
 class MeasuredFlight {
  public:
@@ -62,7 +78,7 @@ class MeasuredFlight {
     const TelemetryUncertainty& sigma = flight_.camera.uncertainty;
     const SmoothedFrame& frame = flight_.smoothed[i];
     TieFrame tie{.pose = start_pose(i),
-                 .position_sigma_m = one_axis_m(frame.covariance_m2),
+                 .position_sigma_m = one_axis_m(known_place(flight_, i).covariance_m2),
                  .tilt_sigma_rad = tilt_sigma_rad(i),
                  .heading_sigma_rad = sigma.heading_rad,
                  .log_height_sigma = sigma.agl_relative,
@@ -108,6 +124,7 @@ class MeasuredFlight {
 
   CameraPose start_pose(std::size_t i) const {
     CameraPose pose = flight_.smoothed[i].pose;
+    pose.position = known_place(flight_, i).position;
     pose.agl_m = std::clamp(pose.agl_m, block_table::kMinDepth_m, block_table::kMaxAgl_m);
     const auto within = [](double at_m) {
       return std::clamp(at_m, -block_table::kMaxPlane_m, block_table::kMaxPlane_m);
@@ -147,6 +164,14 @@ PoseAnchor pose_anchor(std::size_t i, const SmoothedFrame& frame) {
   return anchor;
 }
 
+// An image that determines height or tilt hardly at all may put them anywhere.
+bool credible(const PoseMeasurement& anchor) {
+  return anchor.value.allFinite() && anchor.covariance.allFinite() &&
+         std::abs(anchor.value[2]) < kMostAnchorLogHeight && std::abs(anchor.value[4]) < kMostAnchorTilt_rad &&
+         std::abs(anchor.value[5]) < kMostAnchorTilt_rad &&
+         anchor.value.head<2>().cwiseAbs().maxCoeff() < block_table::kMaxPlane_m;
+}
+
 // Ties to the map, by block, and the holds of blocks that have none.
 struct Ties {
   std::vector<std::size_t> anchor_frames;  // of the first anchors, in their order
@@ -156,7 +181,7 @@ struct Ties {
 Ties add_ties_to_map(const FlightToAdjust& flight, const JoinedFrames& joined, BlockAdjustment& block) {
   Ties ties{{}, std::vector<bool>(flight.smoothed.size(), false)};
   for (std::size_t i = 0; i < flight.smoothed.size(); ++i) {
-    if (!flight.smoothed[i].anchor) continue;
+    if (!flight.smoothed[i].anchor || !credible(*flight.smoothed[i].anchor)) continue;
     block.add_anchor(pose_anchor(i, flight.smoothed[i]));
     ties.anchor_frames.push_back(i);
     ties.tied[joined.root(i)] = true;
@@ -165,14 +190,29 @@ Ties add_ties_to_map(const FlightToAdjust& flight, const JoinedFrames& joined, B
   std::vector<std::optional<std::size_t>> best(flight.smoothed.size());  // by root: the frame that is known best
   for (std::size_t i = 0; i < flight.smoothed.size(); ++i) {
     auto& known = best[joined.root(i)];
-    const auto sigma = [&](std::size_t j) { return one_axis_m(flight.smoothed[j].covariance_m2); };
+    const auto sigma = [&](std::size_t j) { return one_axis_m(known_place(flight, j).covariance_m2); };
     if (!known || sigma(i) < sigma(*known)) known = i;
   }
   for (std::size_t root = 0; root < best.size(); ++root) {
     if (!best[root] || ties.tied[root]) continue;
-    const SmoothedFrame& frame = flight.smoothed[*best[root]];
-    if (!(one_axis_m(frame.covariance_m2) <= flight.no_fix_sigma_m)) continue;
-    block.add_anchor({*best[root], frame.pose.position, frame.covariance_m2});
+    const KnownPlace known = known_place(flight, *best[root]);
+    if (!(one_axis_m(known.covariance_m2) <= flight.no_fix_sigma_m)) continue;
+    std::optional<std::size_t> other;  // of a segment that was placed: the frame farthest from that one
+    for (std::size_t i = root; i < flight.smoothed.size(); ++i) {
+      if (i == *best[root] || joined.root(i) != root || !is_placed(flight, i)) continue;
+      const auto away_m = [&](std::size_t j) { return distance_m(known_place(flight, j).position, known.position); };
+      if (!other || away_m(i) > away_m(*other)) other = i;
+    }
+    if (!other || !is_placed(flight, *best[root])) {
+      block.add_anchor(PositionAnchor{*best[root], known.position, known.covariance_m2});
+      continue;
+    }
+    // Both err alike: together they say as much as one.
+    ties.tied[root] = true;
+    for (const std::size_t i : {*best[root], *other}) {
+      const KnownPlace place = known_place(flight, i);
+      block.add_anchor(PositionAnchor{i, place.position, 2 * place.covariance_m2});
+    }
   }
   return ties;
 }
@@ -231,9 +271,17 @@ FlightToAdjust flight_to_adjust(const FlightStore& store, FlightEngine& engine, 
                         .smoothed = engine.smoothed(),
                         .refined = engine.refined(),
                         .refined_poses = engine.refined_poses(),
+                        .placed = {},
                         .fixes = {},
                         .image_of = {}};
   for (std::size_t i = 0; i < flight.refined.size(); ++i) flight.telemetry.push_back(store.picture(i).telemetry);
+  flight.placed.assign(flight.refined.size(), false);
+  for (const FlightSegment& segment : store.segments()) {
+    if (segment.state != SegmentState::merged) continue;
+    for (std::size_t i = segment.first_frame; i <= segment.last_frame && i < flight.refined.size(); ++i) {
+      flight.placed[i] = flight.refined[i].segment == segment.number;
+    }
+  }
   const double scale = 1.0 / setup.shrink;
   for (const UserFix& fix : store.fixes()) {
     if (fix.withdrawn || !fix.frame || !fix.pixel || *fix.frame >= flight.refined.size()) continue;

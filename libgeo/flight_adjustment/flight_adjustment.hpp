@@ -12,9 +12,10 @@
 //   tie points   tie_points.hpp
 //   motion       smoothed steps between frames that odometry tracked and that few tie points join
 //
-// Where nothing ties a block of frames to the map, it is held where dead reckoning has its best-known frame, with the
-// uncertainty that it has there: its shape is adjusted, its place is not, and its source is not an anchor. Where even
-// that is unknown there are no positions.
+// A segment that was placed on the map as a whole, and that nothing else ties to it, is held there by two of its
+// frames. Where nothing ties a block of frames to the map, it is held where dead reckoning has its best-known frame,
+// with the uncertainty that it has there: its shape is adjusted, its place is not, and its source is not an anchor.
+// Where even that is unknown there are no positions.
 //
 // The map's own error is common to all anchors: no adjustment lessens it, and it is added to each covariance as the
 // localizer adds it.
@@ -53,6 +54,9 @@ struct FlightToAdjust {
   std::vector<SmoothedFrame> smoothed{};
   std::vector<Estimate> refined{};
   std::vector<std::optional<FramePose>> refined_poses{};
+  // Whether a frame belongs to a segment that was placed as a whole (segment_placement.hpp), where `refined` has it;
+  // empty: none does.
+  std::vector<bool> placed{};
   std::vector<FixedPixel> fixes{};
   FrameImageOf image_of{};
 };

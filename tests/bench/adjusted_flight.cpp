@@ -36,17 +36,21 @@ constexpr double kStartSigma_m = 30;
 constexpr int kOutliers = 5;
 constexpr double kOutlier_m = 350;
 
-// Flown as 0, 2, 1, 3 of parallel legs: after each turn the aircraft is somewhere else, and neighbouring legs overlap.
+// Flown as 0, 2, 1, 3 of parallel legs, without pictures in the turns (half circles at the same speed): after each the
+// camera sees another place, the other way around, and neighbouring legs overlap.
 std::vector<FlightPose> path(int frames, Random random) {
   constexpr double kRows[kLegs] = {0, 2, 1, 3};
   const int per_leg = frames / kLegs;
   std::vector<FlightPose> poses;
-  double roll = 0, pitch = 0;
+  double roll = 0, pitch = 0, turns_s = 0;
   for (int i = 0; i < frames; ++i) {
     const int leg = std::min(i / per_leg, kLegs - 1), along = i - leg * per_leg;
     const bool east = leg % 2 == 0;
+    if (along == 0 && leg > 0) {
+      turns_s += kPi / 2 * std::abs(kRows[leg] - kRows[leg - 1]) * kSpacing_m / (kStep_m / kInterval_s);
+    }
     FlightPose pose;
-    pose.time_s = i * kInterval_s;
+    pose.time_s = i * kInterval_s + turns_s;
     const double x = (along - per_leg / 2.0) * kStep_m;
     pose.position.x() = east ? x : -x;
     pose.position.y() = (kRows[leg] - 1.5) * kSpacing_m + 6 * std::sin(0.11 * i);
@@ -126,7 +130,7 @@ void run(std::uint64_t seed, int frames) {
   Random light = base.fork("light"), faults = base.fork("faults"), start = base.fork("start");
   const std::vector<FlightPose> truth = path(frames, base.fork("path"));
   const double reach_m = frames / kLegs * kStep_m;
-  const HoledMap map(world.map, 0.05 * reach_m, 0.25 * reach_m + 2 * 76);  // tiles are 200 m wide: their middles count
+  const HoledMap map(world.map, 0.1 * reach_m, 0.3 * reach_m);  // tiles are 200 m wide: their middles count
 
   FlightEngineSetup setup{
       .camera = camera,

@@ -168,6 +168,31 @@ TEST(FlightAdjustment, NothingThatIsUnknownGetsAPosition) {
   }
 }
 
+TEST(FlightAdjustment, ASegmentThatWasPlacedAsAWholeIsHeldThere) {
+  FlightToAdjust flight = without_anchors();
+  for (SmoothedFrame& frame : flight.smoothed) {
+    frame.pose.position = frame.pose.position + Eigen::Vector2d(300, -200);
+    frame.covariance_m2 = 1e6 * Eigen::Matrix2d::Identity();
+  }
+  flight.placed.assign(moments().size(), true);
+  const AdjustedFlight adjusted = adjust(flight);
+  EXPECT_EQ(adjusted.summary.floating_frames, 0U);
+  EXPECT_LT(rms_m(adjusted.estimates), 3);
+}
+
+TEST(FlightAdjustment, ALookThatCannotBeIsLeftOut) {
+  FlightToAdjust flight = flown().flight;
+  const auto anchored = static_cast<std::size_t>(std::count_if(
+      flight.smoothed.begin(), flight.smoothed.end(), [](const SmoothedFrame& f) { return f.anchor.has_value(); }));
+  const auto look = std::find_if(flight.smoothed.begin(), flight.smoothed.end(),
+                                 [](const SmoothedFrame& f) { return f.anchor.has_value(); });
+  ASSERT_NE(look, flight.smoothed.end());
+  look->anchor->value[2] = 800;  // a height of exp(800)
+  const AdjustedFlight adjusted = adjust(flight);
+  EXPECT_EQ(adjusted.summary.anchors, anchored - 1);
+  EXPECT_LT(rms_m(adjusted.estimates), 3);
+}
+
 // What a person sees in two pictures places the block.
 TEST(FlightAdjustment, FixesTieABlockToTheMap) {
   FlightToAdjust flight = without_anchors();
