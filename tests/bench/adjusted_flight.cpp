@@ -57,7 +57,7 @@ std::vector<FlightPose> path(int frames, Random random) {
     pitch = 0.8 * pitch + random.normal(0, radians(0.6));
     roll = 0.8 * roll + random.normal(0, radians(1.2));
     pose.attitude = {radians(east ? 90 : -90) + radians(2) * std::sin(0.07 * i), pitch, roll};
-    pose.agl_m = kAgl_m + 4 * std::sin(0.05 * i);
+    pose.agl_m = pose.pressure_agl_m = kAgl_m + 4 * std::sin(0.05 * i);
     pose.velocity_mps = {east ? kStep_m : -kStep_m, 0};
     poses.push_back(pose);
   }

@@ -41,6 +41,7 @@ TEST_F(DeskServiceTest, GoesOnAfterARestart) {
   const auto document = settled(flight);
   EXPECT_EQ(document["state"], "completed");
   EXPECT_EQ(read(flight + "/estimates?kind=refined")["estimates"].size(), pictures.size());
+  EXPECT_EQ(read(flight + "/estimates?kind=adjusted")["estimates"].size(), pictures.size());
   close();
   open();
   EXPECT_EQ(read("/v1/flights")["flights"][0]["state"], "completed") << "without opening it";
