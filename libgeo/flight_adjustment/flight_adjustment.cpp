@@ -103,6 +103,8 @@ class MeasuredFlight {
     return result;
   }
 
+  bool anchored() const { return anchored_; }
+
   AdjustmentOptions options() const {
     const TelemetryUncertainty& sigma = flight_.camera.uncertainty;
     AdjustmentOptions options;
@@ -315,6 +317,8 @@ AdjustedFlight adjust_flight(const FlightToAdjust& flight, Progress& progress, c
   const CameraModel& camera = result.ties.camera;
   AdjustmentOptions options = measured.options();
   options.point_covariances = false;
+  // From above level ground a focal length looks like a height: only the map can tell them apart.
+  if (!measured.anchored() && flight.fixes.empty()) options.calibration.focal_relative = 0;
   BlockAdjustment block(camera, ground, options);
   for (std::size_t i = 0; i < flight.smoothed.size(); ++i) block.add_frame(measured.frame(i));
   for (const auto& point : result.ties.points) {

@@ -153,6 +153,7 @@ TEST(FlightAdjustment, WithoutAnchorsABlockStaysWhereDeadReckoningHasIt) {
   const AdjustedFlight adjusted = adjust(flight);
   EXPECT_EQ(adjusted.summary.floating_frames, moments().size());
   EXPECT_EQ(adjusted.summary.anchors, 0U);
+  EXPECT_EQ(adjusted.summary.calibration.log_focal.value, 0);
   for (std::size_t i = 0; i < moments().size(); ++i) {
     EXPECT_EQ(adjusted.estimates[i].source, SourceLabel::dead_reckoned) << i;
     EXPECT_FALSE(adjusted.poses[i]);
