@@ -10,6 +10,7 @@ import random
 import sys
 import threading
 import time
+import zipfile
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from desk_support import FRAMES, Desk, make_world  # noqa: E402
@@ -57,6 +58,24 @@ class DeskServe(support.EndToEnd):
         for image in (f"looks/{anchored[0]}/seen", f"looks/{anchored[0]}/map", "pictures/0?preview=true"):
             status, headers, data = desk.call("GET", f"{flight}/{image}")
             self.assertEqual((200, "image/jpeg", b"\xff\xd8"), (status, headers["Content-Type"], data[:2]), image)
+        self.assertEqual(0, desk.stop())
+
+    def test_a_kill_while_a_flight_is_adjusted_leaves_the_wish_to_complete_it(self):
+        desk = self.desk().start()
+        flight = desk.create(package="valley")
+        desk.send(flight, desk.frames())
+        desk.settled(flight)
+        desk.json("POST", flight + "/complete", expect=202)
+        while "refined" not in desk.json("GET", flight, expect=200)["kinds"]:
+            time.sleep(0.02)
+        desk.kill()
+        desk.start()
+        document = desk.settled(flight)
+        self.assertEqual(("completed", ["online", "refined", "adjusted"], 0), tuple(document[name] for name in ("state", "kinds", "completed_share")))
+        self.assertEqual(FRAMES, len(desk.json("GET", flight + "/estimates?kind=adjusted", expect=200)["estimates"]))
+        status, headers, archive = desk.call("GET", flight + "/export?format=colmap")
+        self.assertEqual((200, "application/zip"), (status, headers["Content-Type"]))
+        self.assertEqual(["cameras.txt", "geo.txt", "images.txt", "points3D.txt"], zipfile.ZipFile(io.BytesIO(archive)).namelist())
         self.assertEqual(0, desk.stop())
 
     def test_a_kill_loses_nothing_that_was_accepted(self):
