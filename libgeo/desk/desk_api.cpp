@@ -113,6 +113,17 @@ ApiResponse events(const ApiRequest& request, const std::shared_ptr<LiveFlight>&
   return response;
 }
 
+ApiResponse take_back_merge(const DeskRoute& route, LiveFlight& flight) {
+  const int number = static_cast<int>(route.item);
+  if (!flight.take_back_merge(number)) {
+    return not_found("segment", "the flight has no segment of this number that was placed as a whole");
+  }
+  for (const FlightSegment& segment : flight.store().segments()) {
+    if (segment.number == number) return without_cache(json_answer(200, segment_json(segment)));
+  }
+  return not_found("segment", "the flight has no segment of this number");
+}
+
 ApiResponse estimates(const ApiRequest& request, const FlightStore& store) {
   Query query(request.target);
   const auto kind = parse_kind(query.take("kind", "online"));
@@ -307,6 +318,7 @@ ApiResponse DeskApi::flight_call(const DeskRoute& route, const ApiRequest& reque
     case DeskPath::events: return events(request, flight);
     case DeskPath::estimates: return estimates(request, store);
     case DeskPath::segments: return list_answer("segments", store.segments(), segment_json);
+    case DeskPath::merge: return take_back_merge(route, *flight);
     case DeskPath::footprint:
     case DeskPath::fixes:
     case DeskPath::fix:

@@ -83,6 +83,8 @@ std::optional<DeskRoute> flight_route(const std::vector<std::string>& parts, std
     route.path = DeskPath::picture;
   } else if (parts.size() == 5 && what == "fixes") {
     route.path = DeskPath::fix, route.methods = "DELETE";
+  } else if (parts.size() == 6 && what == "segments" && parts[5] == "merge") {
+    route.path = DeskPath::merge, route.methods = "DELETE";
   } else if (parts.size() == 5 && what == "looks") {
     route.path = DeskPath::look;
   } else if (parts.size() == 6 && what == "looks" && (parts[5] == "seen" || parts[5] == "map")) {

@@ -34,6 +34,7 @@ enum class DeskPath {
   events,
   estimates,
   segments,
+  merge,
   look,
   seen,
   map,
@@ -56,7 +57,7 @@ struct DeskRoute {
   std::string name{};     // of the flight, the package or the import
   std::string tile{};     // "ZOOM/COLUMN/ROW"
   std::size_t frame = 0;  // of a picture, a look or a footprint
-  std::int64_t item = 0;  // a fix or an object
+  std::int64_t item = 0;  // a fix, an object or a segment
   std::int64_t part = 0;  // a sighting of an object
 };
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
 #include <utility>
 
 #include "base/error.hpp"
@@ -22,6 +23,10 @@ namespace {
 constexpr const char* kCompletionFile = "completion-requested";
 constexpr const char* kDiagnosisFile = "diagnosis.txt";
 constexpr const char* kReconstructionFile = "colmap.zip";
+// Floating segments are placed while there is nothing else to do. Where pictures arrive without end, for so long of
+// each period: one search or look after a frame.
+constexpr std::chrono::seconds kPlacementPeriod{5}, kPlacementTime{2};
+constexpr double kOneStep_s = 1e-6;
 constexpr double kDiagnosis_s = 15;  // another flight may wait for its turn; chosen
 
 // Gives its slot back, also on the way out of an exception.
@@ -124,6 +129,12 @@ LiveFlight::LiveFlight(std::string id, std::unique_ptr<FlightStore> store, const
   // Refined estimates belong to the frames that were there when the flight was completed.
   completed_ = processed > 0 && processed == store_->accepted() &&
                !store_->estimates(EstimateKind::refined, processed - 1, 1).empty();
+  // A placement that a kill interrupted is made again.
+  const auto floats = [](const FlightSegment& segment) {
+    return segment.state == SegmentState::floating && segment.first_frame < segment.last_frame;
+  };
+  const std::vector<FlightSegment> segments = store_->segments();
+  placement_due_ = has_map() && !completed_ && std::any_of(segments.begin(), segments.end(), floats);
   thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
 }
 
@@ -155,13 +166,15 @@ bool LiveFlight::busy() const {
 
 bool LiveFlight::has_work() const {
   if (activity_ == FlightActivity::blocked) return false;
-  return activity_ != FlightActivity::idle || completion_requested_ || store_->processed() < store_->accepted();
+  return activity_ != FlightActivity::idle || completion_requested_ || placement_due_ ||
+         store_->processed() < store_->accepted();
 }
 
 void LiveFlight::wake() {
   ++changes_;
   const std::lock_guard lock(mutex_);
   ++arrivals_;
+  placement_due_ = has_map() && store_->accepted() > 0;
   if (activity_ == FlightActivity::blocked) activity_ = FlightActivity::idle;  // try again
   news_.notify_all();
 }
@@ -182,6 +195,12 @@ std::optional<UserFix> LiveFlight::withdraw_fix(std::int64_t id) {
   auto fix = store_->withdraw_fix(id, clock_());
   ++changes_;
   return fix;
+}
+
+bool LiveFlight::take_back_merge(int segment) {
+  const bool taken_back = store_->take_back_merge(segment, "desk", clock_());
+  ++changes_;
+  return taken_back;
 }
 
 MarkedObject LiveFlight::add_object(std::string_view name, const MarkedSighting& first, std::string_view by) {
@@ -349,12 +368,17 @@ void LiveFlight::work(const std::stop_token& stop, std::unique_ptr<FlightEngine>
   if (!slot.held()) throw Interrupted();
   set(FlightActivity::processing);
   if (!engine) engine = make_engine();
-  const std::size_t processed = engine->process(Cancel([&stop] { return stop.stop_requested(); }),
-                                                [&](std::size_t /*frame*/, FrameReport& report, bool /*restored*/) {
-                                                  ++changes_;
-                                                  watch(report.anchor.verdict, stop);
-                                                  slot.let_others();
-                                                });
+  const Cancel cancel([&stop] { return stop.stop_requested(); });
+  auto period = std::chrono::steady_clock::now();
+  const std::size_t processed = engine->process(cancel, [&](std::size_t /*frame*/, FrameReport& report, bool restored) {
+    ++changes_;
+    watch(report.anchor.verdict, stop);
+    slot.let_others();
+    if (restored) return;
+    const auto now = std::chrono::steady_clock::now();
+    if (now - period >= kPlacementPeriod) period = now;
+    if (now - period < kPlacementTime) engine->place_segments(SegmentPlacer::Scope::closed, kOneStep_s, cancel);
+  });
   bool complete = false;
   {
     const std::lock_guard lock(mutex_);
@@ -362,7 +386,9 @@ void LiveFlight::work(const std::stop_token& stop, std::unique_ptr<FlightEngine>
     complete = completion_requested_ && store_->processed() == store_->accepted();
     if (complete) activity_ = FlightActivity::completing;
   }
-  if (!complete) return;
+  const auto scope = complete ? SegmentPlacer::Scope::all : SegmentPlacer::Scope::closed;
+  const auto let_others = [&slot] { slot.let_others(); };
+  if (!place_segments(scope, *engine, let_others, stop) || !complete) return;
   engine->complete();
   ++changes_;
   const auto interrupted = [&] {
@@ -381,6 +407,27 @@ void LiveFlight::work(const std::stop_token& stop, std::unique_ptr<FlightEngine>
   const std::lock_guard lock(mutex_);
   completion_requested_ = false;
   completed_ = true;
+}
+
+bool LiveFlight::place_segments(SegmentPlacer::Scope scope, FlightEngine& engine,
+                                const std::function<void()>& let_others, const std::stop_token& stop) {
+  const Cancel cancel([&stop] { return stop.stop_requested(); });
+  std::uint64_t arrivals = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    arrivals = arrivals_;
+  }
+  while (engine.place_segments(scope, kOneStep_s, cancel)) {
+    ++changes_;
+    let_others();
+    const std::lock_guard lock(mutex_);
+    if (arrivals != arrivals_) return false;
+  }
+  ++changes_;
+  const std::lock_guard lock(mutex_);
+  if (arrivals != arrivals_) return false;
+  placement_due_ = false;
+  return true;
 }
 
 void LiveFlight::run(const std::stop_token& stop) {

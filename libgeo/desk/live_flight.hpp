@@ -95,6 +95,7 @@ class LiveFlight {
   std::vector<PictureAnswer> accept(std::span<const PictureOffer> batch);
   UserFix add_fix(const UserFix& said);
   std::optional<UserFix> withdraw_fix(std::int64_t id);
+  bool take_back_merge(int segment);
   MarkedObject add_object(std::string_view name, const MarkedSighting& first, std::string_view by);
   std::optional<MarkedObject> add_sighting(std::int64_t object, const MarkedSighting& sighting);
   std::optional<MarkedObject> rename_object(std::int64_t id, std::string_view name);
@@ -114,8 +115,12 @@ class LiveFlight {
   void watch(AnchorVerdict verdict, const std::stop_token& stop);  // of a frame that was processed
   std::string diagnose(const std::stop_token& stop) const;
   void keep_diagnosis(std::string text);
+  // Floating segments, search by search and look by look; false: something else is to be done first.
+  bool place_segments(SegmentPlacer::Scope scope, FlightEngine& engine, const std::function<void()>& let_others,
+                      const std::stop_token& stop);
   void wake();
   bool has_work() const;  // `mutex_` held
+  bool has_map() const { return !store_->description().package.empty(); }
   void set(FlightActivity activity);
 
   const std::string id_;
@@ -137,6 +142,7 @@ class LiveFlight {
   bool completion_requested_ = false;
   bool completed_ = false;
   std::string diagnosis_;
+  bool placement_due_ = false;  // floating segments may be there that were not tried
   std::uint64_t arrivals_ = 0;  // of pictures, fixes and wishes
   std::atomic<std::uint64_t> changes_ = 1;
   std::jthread thread_;  // last: it uses all of the above

@@ -13,6 +13,7 @@
 #include "estimation/source_label.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "geodesy/plane_point.hpp"
+#include "vision/map_search.hpp"
 #include "vision/rectification.hpp"
 
 namespace nadir {
@@ -40,15 +41,16 @@ struct AnchorReport {
   int patches = 0;         // patches tried
   double residual_px = 0;  // RMS of the inliers, in pixels of the matching GSD
   double matching_gsd_m = 0;
-  double log_likelihood_ratio = 0;   // true place over chance peak, nats (look_likelihood.hpp)
-  double place_doubt = 1;            // weight of all hypotheses that are not at the match (belief.hpp)
-  double chi2 = 0;                   // squared Mahalanobis distance to the prediction, 2 degrees of freedom
-  bool corroborated = false;         // a sharp prediction agrees: propagated from an anchor, and within its 95 %
-  std::optional<PlanePoint> camera;  // matched camera position in the map's plane (of rejected ones too)
-  double heading_rad = 0;            // matched heading of image-up
-  double window_radius_m = 0;        // half the side of the searched window
-  cv::Mat rectified;                 // BGR or grey: the frame as it was matched, north-up (for reports; may be empty)
-  cv::Mat matched_map;               // the same part of the map
+  double log_likelihood_ratio = 0;      // true place over chance peak, nats (look_likelihood.hpp)
+  double place_doubt = 1;               // weight of all hypotheses that are not at the match (belief.hpp)
+  double chi2 = 0;                      // squared Mahalanobis distance to the prediction, 2 degrees of freedom
+  bool corroborated = false;            // a sharp prediction agrees: propagated from an anchor, and within its 95 %
+  std::optional<PlanePoint> camera;     // matched camera position in the map's plane (of rejected ones too)
+  double heading_rad = 0;               // matched heading of image-up
+  double window_radius_m = 0;           // half the side of the searched window
+  std::vector<MatchHypothesis> places;  // that looked most like the frame, best first (not recorded)
+  cv::Mat rectified;    // BGR or grey: the frame as it was matched, north-up (for reports; may be empty)
+  cv::Mat matched_map;  // the same part of the map
 };
 
 struct OdometryReport {

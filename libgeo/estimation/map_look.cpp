@@ -61,6 +61,7 @@ AnchorReport anchor_report(const AnchorMatch& match, const LookContext& context,
   AnchorReport report;
   report.verdict = verdict_of(match, context, look, result);
   report.window_radius_m = context.prior.search.radius_m;
+  report.places = match.search.places;
   report.ratio = match.search.ratio;
   if (!match.search.places.empty()) report.score = match.search.places.front().score;
   report.patches = match.patches;

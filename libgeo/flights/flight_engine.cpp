@@ -69,7 +69,7 @@ struct FlightEngine::Impl {
   std::unique_ptr<SegmentPlacer> placer;
 };
 
-FlightEngine::Impl::Running::Running(const Impl& engine) {
+FlightEngine::Impl::Running::Running(const Impl& engine) : segments(engine.setup.frame) {
   LocalizerConfig config = engine.setup.localizer;
   vision.attach(config);
   localizer =

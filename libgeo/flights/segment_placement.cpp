@@ -18,10 +18,10 @@ namespace belief = parameters::belief;
 
 // Chosen, all of them; what counts as evidence is the localizer's own (localizer_parameters.hpp).
 constexpr std::size_t kEvidenceFrames = 8;  // of a segment, that are looked at
-constexpr std::size_t kSeedFrames = 3;      // of these, that are searched
+constexpr std::size_t kSeedFrames = 2;      // of these, that are searched
 constexpr int kLooksOfSeed = 24;            // at all hypotheses: bounds the time
 constexpr std::size_t kHypotheses = 40;     // of a segment: likewise
-constexpr std::size_t kMaxParts = 36;       // of the area, of each seed: likewise
+constexpr std::size_t kMaxParts = 16;       // of the area, of each seed: likewise
 constexpr int kLeastHits = 2;
 constexpr double kLeastFootprints = 1.5;           // of ground that the hits show
 constexpr std::size_t kRivals = 4;                 // hypotheses beside the best one that are looked at …

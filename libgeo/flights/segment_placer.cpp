@@ -14,7 +14,8 @@ namespace {
 
 // A frame continues the one before it or, over an outlier, the one before that.
 constexpr std::size_t kContinuedBy = 2;
-constexpr double kReachSigmas = 3;  // of a predicted place; as the localizer's windows
+constexpr std::size_t kMostAttempts = 60;  // of a flight: bounds the time of a flight that matches nowhere
+constexpr double kReachSigmas = 3;         // of a predicted place; as the localizer's windows
 
 nlohmann::json finite(double value) { return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr); }
 
@@ -60,7 +61,8 @@ bool SegmentPlacer::begin_next(Scope scope) {
     tried_[segment.number] = inputs;
     if (store_.merge_taken_back(segment)) continue;
     SegmentShape shape = shape_of(segment);
-    if (!SegmentPlacement::possible(shape, setup_.camera.camera)) continue;
+    if (!SegmentPlacement::possible(shape, setup_.camera.camera) || attempts_ >= kMostAttempts) continue;
+    ++attempts_;
     if (!matcher_) {
       const GroundSurface* surface = setup_.localizer.surface;
       matcher_ = setup_.localizer.matcher(

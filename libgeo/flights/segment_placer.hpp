@@ -75,6 +75,7 @@ class SegmentPlacer {
   FlatGround flat_;
   std::unique_ptr<MapMatcher> matcher_;  // while there is something to do
   std::map<int, Inputs> tried_;          // by segment
+  std::size_t attempts_ = 0;
   std::unique_ptr<Attempt> attempt_;
 };
 

@@ -1,8 +1,11 @@
 #include "flights/segment_tracker.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
+
+#include "geodesy/angles.hpp"
 
 namespace nadir {
 namespace {
@@ -11,6 +14,9 @@ namespace {
 constexpr int kFailuresBeforeHelp = 3;
 // A window grows a little with every frame; it is worth telling when a quarter more is searched.
 constexpr double kExpandedBy = 1.12;
+
+constexpr std::size_t kCandidatesShown = 5;  // that a person compares
+constexpr double kCandidateReach_m = 50;     // of one that is chosen
 
 constexpr std::array kKinds{
     FlightEventKind::flight_created,    FlightEventKind::pictures_accepted,  FlightEventKind::frame_processed,
@@ -43,6 +49,21 @@ nlohmann::json processed_body(const FrameReport& report) {
     if (estimate.hpl_m) body["hpl_m"] = number(*estimate.hpl_m);
   }
   return body;
+}
+
+// The places that look most like the frame, wherever it was searched.
+nlohmann::json candidates(const AnchorReport& look, const LocalFrame& plane) {
+  nlohmann::json list = nlohmann::json::array();
+  for (const MatchHypothesis& place : look.places) {
+    if (list.size() == kCandidatesShown) break;
+    const LonLat at = plane.lonlat_from_plane(place.pose.position);
+    list.push_back({{"lat_deg", number(at.lat_deg)},
+                    {"lon_deg", number(at.lon_deg)},
+                    {"heading_deg", number(degrees(place.pose.attitude.heading_rad))},
+                    {"likeness", number(std::clamp(place.score, 0.0, 1.0))},
+                    {"radius_m", kCandidateReach_m}});
+  }
+  return list;
 }
 
 }  // namespace
@@ -114,9 +135,9 @@ SegmentTracker::Changes SegmentTracker::on_frame(const FrameReport& report) {
       announced_window_m_ = look.window_radius_m;
     }
     if (failed_looks_ == kFailuresBeforeHelp) {
-      changes.events.push_back(
-          event(FlightEventKind::user_input_needed, frame,
-                {{"segment", number}, {"failed_looks", failed_looks_}, {"verdict", name_of(look.verdict)}}));
+      nlohmann::json body{{"segment", number}, {"failed_looks", failed_looks_}, {"verdict", name_of(look.verdict)}};
+      if (plane_ && !look.places.empty()) body["candidates"] = candidates(look, *plane_);
+      changes.events.push_back(event(FlightEventKind::user_input_needed, frame, body));
     }
   }
   changes.segments.push_back(segment);

@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "estimation/estimate.hpp"
+#include "geodesy/local_frame.hpp"
 
 namespace nadir {
 
@@ -69,10 +70,14 @@ class SegmentTracker {
     std::vector<StoredFlightEvent> events;
   };
 
+  SegmentTracker() = default;                                          // without candidates
+  explicit SegmentTracker(const LocalFrame& plane) : plane_(plane) {}  // of the reports
+
   // Reports in the order of frames, from 0.
   Changes on_frame(const FrameReport& report);
 
  private:
+  std::optional<LocalFrame> plane_;
   std::size_t frame_ = 0;
   std::map<int, FlightSegment> segments_;  // by number: one goes on after an outlier
   int failed_looks_ = 0;                   // in a row

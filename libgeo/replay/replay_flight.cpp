@@ -16,6 +16,7 @@ namespace nadir {
 namespace {
 
 constexpr std::size_t kReportedFrames = 12;
+constexpr double kPlacementTime_s = 3;  // of floating segments, at a time
 
 std::optional<double> error_of(const Estimate& estimate, const std::optional<LonLat>& truth, const LocalFrame& frame) {
   return errors_m({estimate}, {truth}, frame).front();
@@ -153,6 +154,11 @@ class ReplayCollector {
     setup_.recording->before(frame, flight_.frames[frame], flight_.image_path(frame));
   }
 
+  void place_segments(FlightEngine& engine) {
+    while (engine.place_segments(SegmentPlacer::Scope::all, kPlacementTime_s, cancel())) {
+    }
+  }
+
   // After the last frame: of a flight that is too short for the watch, or was resumed.
   void finish() {
     if (!watch_.anchored() && !diagnosed_) diagnose();
@@ -167,6 +173,12 @@ class ReplayCollector {
 
  private:
   void diagnose();
+  Cancel cancel() const {
+    return Cancel([this] {
+      progress_.advance(0);  // throws when interrupted
+      return false;
+    });
+  }
 
   const Flight& flight_;
   const ReplaySetup& setup_;
@@ -197,10 +209,7 @@ void ReplayCollector::diagnose() {
       .telemetry = flight_.frames,
       .read = [&](std::size_t i) { return read_flight_image(flight_.image_path(i), camera.camera, shrink); },
       .matcher = setup_.matcher};
-  const DiagnosisBudget budget{.cancel = Cancel([this] {
-                                 progress_.advance(0);  // throws when interrupted
-                                 return false;
-                               })};
+  const DiagnosisBudget budget{.cancel = cancel()};
   result.diagnosis = diagnose_no_fix(stated, budget);
   if (result.diagnosis) setup_.on_diagnosis(*result.diagnosis);
 }
@@ -240,6 +249,7 @@ void fly_folder(const Flight& flight, const ReplaySetup& setup, FlightStore& sto
     collector.result.restored += restored ? 1U : 0U;
     collector.add(frame, std::move(report), restored);
   });
+  collector.place_segments(engine);
   collector.result.refined = engine.refined();
   collector.result.poses = engine.refined_poses();
   if (setup.on_flown) setup.on_flown(store, engine, made_of);

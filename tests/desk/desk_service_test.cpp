@@ -145,6 +145,20 @@ TEST_F(DeskServiceTest, ServesTheMapAndFliesOverIt) {
   send(flight, test::flight_pictures(test::Course::smooth));
   EXPECT_EQ(settled(flight)["state"], "idle");
   EXPECT_EQ(read(flight + "/estimates")["estimates"].size(), 5U);
+  // Its pictures float. They were searched as a whole, which placed nothing.
+  const auto segments = read(flight + "/segments")["segments"];
+  for (const auto& segment : segments) EXPECT_EQ(segment["state"], "floating");
+  const auto live = desk->open(flight.substr(flight.rfind('/') + 1));
+  for (const EventRow& row : live->store().events_after(0, 1000)) {
+    if (row.event.kind != FlightEventKind::user_input_needed) continue;
+    const auto body = nlohmann::json::parse(row.event.body);
+    if (!body.contains("candidates")) continue;
+    EXPECT_LE(body["candidates"].size(), 5U);
+    EXPECT_TRUE(body["candidates"][0]["likeness"].is_number());
+  }
+  EXPECT_EQ(call(request("DELETE", flight + "/segments/0/merge")).status, 404) << "it is not merged";
+  EXPECT_EQ(call(request("DELETE", flight + "/segments/99/merge")).status, 404);
+  EXPECT_EQ(call(request("GET", flight + "/segments/0/merge")).status, 405);
 }
 
 TEST_F(DeskServiceTest, WithoutARootOfTrustNoPackageIsUsed) {

@@ -452,6 +452,30 @@ TEST(SegmentTracker, AsksForHelpOnceAfterThreeFailures) {
             (std::vector{segment_started, segment_anchored}));
 }
 
+TEST(SegmentTracker, NamesThePlacesThatLookMostLikeALostFrame) {
+  const LocalFrame plane(kOrigin);
+  SegmentTracker tracker(plane);
+  FrameReport lost = report(0, AnchorVerdict::ambiguous, 60);
+  for (int i = 0; i < 7; ++i) {
+    MatchHypothesis place;
+    place.pose.position = {10.0 * i, 5};
+    place.pose.attitude.heading_rad = 0.1;
+    place.score = 1.05 - 0.1 * i;
+    lost.anchor.places.push_back(place);
+  }
+  tracker.on_frame(lost);
+  tracker.on_frame(lost);
+  const auto asked = tracker.on_frame(lost).events.back();
+  ASSERT_EQ(asked.kind, FlightEventKind::user_input_needed);
+  const auto candidates = nlohmann::json::parse(asked.body)["candidates"];
+  ASSERT_EQ(candidates.size(), 5U);
+  EXPECT_EQ(candidates[0]["likeness"], 1);
+  EXPECT_NEAR(candidates[2]["likeness"], 0.85, 1e-9);
+  EXPECT_NEAR(candidates[2]["heading_deg"], 5.7296, 1e-3);
+  const PlanePoint at = plane.plane_from_lonlat({candidates[2]["lon_deg"], candidates[2]["lat_deg"]});
+  EXPECT_LT(distance_m(at, {20, 5}), 1e-3);
+}
+
 TEST(SegmentTracker, ASegmentGoesOnAfterAnOutlier) {
   using enum FlightEventKind;
   SegmentTracker tracker;

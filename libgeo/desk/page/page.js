@@ -133,12 +133,12 @@ const onEvent = (flight, kind, event) => {
   }
   if (kind === "pictures_accepted" || kind === "processing_blocked") headSoon(flight);
   if (kind === "segment_anchored") { helped(); segmentsSoon(flight); }
-  if (kind === "segments_merged") { segmentsSoon(flight); tracksSoon(flight); objectsSoon(flight); }
+  if (kind === "segments_merged" || kind === "merge_withdrawn") { segmentsSoon(flight); tracksSoon(flight); objectsSoon(flight); }
   if (kind === "user_fix" || kind === "fix_withdrawn") fixesSoon(flight);
   if (kind === "objects_changed") objectsSoon(flight);
   if (kind === "user_input_needed") {
     candidates.show(event);
-    showHelp(`Lost at frame ${event.frame}: ${event.failed_looks} looks in a row found nothing. Compare the picture with the map, and say where the aircraft was.`);
+    showHelp(`Lost at frame ${event.frame}: ${lostBecause(event)}. Compare the picture with the map, and say where the aircraft was.`);
   }
   if (kind === "frame_refined" || kind === "flight_completed") { tracksSoon(flight); objectsSoon(flight); }
 };
@@ -431,6 +431,10 @@ byId("create-cancel").addEventListener("click", () => byId("create").close());
 byId("pictures-cancel").addEventListener("click", () => byId("pictures").close());
 byId("complete").addEventListener("click", () => postJson(`/v1/flights/${shown.id}/complete`).then(() => refreshHead(shown)).catch((problem) => { byId("upload").textContent = problem.message; }));
 byId("whole").addEventListener("click", () => map.showTrack());
+byId("segments").addEventListener("click", ({ target }) => {
+  const segment = target.dataset.takeBack, flight = shown;
+  if (segment !== undefined) callJson("DELETE", `/v1/flights/${flight.id}/segments/${segment}/merge`).then(() => refreshSegments(flight)).catch((problem) => console.info(problem.message));
+});
 byId("frame").addEventListener("input", () => selectFrame(Number(byId("frame").value)));
 byId("previous").addEventListener("click", () => step(-1));
 byId("next").addEventListener("click", () => step(1));

@@ -48,7 +48,7 @@ const showSegments = (segments) => {
   byId("segments").tBodies[0].replaceChildren(...segments.map((segment) => {
     const colour = svgElement("svg", { viewBox: "0 0 14 14", "aria-hidden": "true" });
     colour.append(svgElement("rect", { width: 14, height: 14, rx: 3, fill: segmentColour(segment.segment) }));
-    return element("tr", {}, element("td", {}, colour, String(segment.segment)), element("td", {}, `${segment.first_frame} – ${segment.last_frame}`), element("td", {}, segment.state));
+    return element("tr", {}, element("td", {}, colour, String(segment.segment)), element("td", {}, `${segment.first_frame} – ${segment.last_frame}`), element("td", {}, segment.state, ...(segment.state === "merged" ? [element("button", { type: "button", "data-take-back": segment.segment, "aria-label": `Take the placement of segment ${segment.segment} back` }, "Take back")] : [])));
   }));
 };
 
@@ -66,14 +66,17 @@ const showVerdict = (verdict, look = null) => {
   byId("verdict").textContent = verdict ? (verdictWords[verdict] ?? words(verdict)) + looked : "–";
 };
 
+// After looks in flight, or after the segment was searched as a whole.
+const lostBecause = (e) => (e.failed_looks ? `${e.failed_looks} looks in a row found nothing` : `segment ${e.segment} could not be placed`);
 const eventWords = {
   flight_created: () => "flight created",
   pictures_accepted: (e) => `${plural(e.accepted, "picture")} accepted` + (e.refused.length ? `, ${e.refused.length} refused` : ""),
   segment_started: (e) => `segment ${e.segment} begins`,
   segment_anchored: (e) => `segment ${e.segment} anchored to the map`,
-  segments_merged: (e) => (e.segments ? `segments ${e.segments.join(", ")} merged into ${e.into}` : "segments merged"),
-  search_expanded: (e) => `searching ${Math.round(e.to_m)} m around`,
-  user_input_needed: (e) => `lost: ${e.failed_looks} looks in a row found nothing`,
+  segments_merged: (e) => `segment ${e.segment} placed as a whole: ${e.hits} of ${plural(e.looks, "look")} agree`,
+  merge_withdrawn: (e) => `segment ${e.segment} floats again`,
+  search_expanded: (e) => (e.by === "index" ? `segment ${e.segment}: searching similar places` : `searching ${Math.round(e.to_m)} m around`),
+  user_input_needed: (e) => `lost: ${lostBecause(e)}`,
   user_fix: (e) => `fix by ${e.by} within ${metres(e.radius_m)}`,
   fix_withdrawn: (e) => `fix ${e.fix} withdrawn`,
   processing_blocked: (e) => `blocked: ${e.reason}`,
