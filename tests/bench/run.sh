@@ -31,6 +31,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   large-flight  a stored flight of 3000 pictures of 26 megapixels: memory, time, drift (FOLDER [FRAMES]; half an hour, 14 GB)
   adjusted      flights from pictures, adjusted as a whole: photos of shared/data and simulated ones (15 minutes; --only NAME, --seeds N)
   adjustment    block adjustment of a drawn survey: 3000 frames, 200 000 observations (two minutes; --frames N)
+  survey        a simulated survey: positions by nadir replay --adjust and by COLMAP's mapper (ten minutes; needs colmap, python3-numpy)
   closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
   chaos         the same under faults, in five parts (25 minutes; --only PART). kill: nadird killed every 30 s; faults: disk full, link
                 cut, clocks set, tiles spoilt; restarts: on a full state disk, a taken port, a wrong clock, a torn file, a swapped
@@ -72,10 +73,10 @@ desk() {
   python3 -B "$here/desk_service.py" build/bin/nadir
 }
 
-ortho() {
+with_bench_python() { # SCRIPT ARGUMENTS…: that needs packages which the build's Python does not have
   local python=python3
   [[ -z ${NADIR_BENCH_VENV:-} ]] || python=$NADIR_BENCH_VENV/bin/python
-  "$python" -B "$here/ortho.py" "$@"
+  "$python" -B "$@"
 }
 
 part() {
@@ -102,11 +103,12 @@ part() {
     large-flight) one_program bench_large_flight && build/bin/bench_large_flight "$@" ;;
     adjusted)     one_program nadir && one_program bench_adjusted_flight && python3 -B "$here/adjusted.py" build "$@" ;;
     adjustment)   one_program bench_adjustment && build/bin/bench_adjustment "$@" ;;
+    survey)       one_program nadir && with_bench_python "$here/survey.py" "$@" ;;
     closed-loop)  build-venv/bin/python -B "$here/../e2e/closed_loop.py" "$@" ;;
     sync)         one_program test_killed_sync && one_program test_make_candidates && python3 -B "$here/sync.py" "$@" ;;
     contract)     one_program test_make_candidates && one_program nadir && python3 -B "$here/contract_client.py" "$@" ;;
     tiles)        one_program bench_tiles && build/bin/bench_tiles "$@" ;;
-    ortho)        one_program bench_ortho_frame && ortho "$@" ;;
+    ortho)        one_program bench_ortho_frame && with_bench_python "$here/ortho.py" "$@" ;;
     attacks)      one_program make_flights && build-venv/bin/python -B "$here/attacks.py" "$@" ;;
     rules)        build-venv/bin/python -B "$here/../e2e/rule_flights.py" "$@" ;;
     chaos)        build-venv/bin/python -B "$here/../e2e/chaos.py" "$@" ;;
@@ -125,7 +127,7 @@ case ${1:-all} in
     part kill --times 5
     part localization
     echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, adjusted, adjustment, desk, large-flight, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
-  build | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjusted | adjustment | desk | large-flight | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
+  build | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjusted | adjustment | survey | desk | large-flight | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -16,7 +16,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from desk_support import FRAMES, Desk, make_world  # noqa: E402
 import support  # noqa: E402
 
-KILLS = 12
+KILLS = 50
 
 
 class DeskServe(support.EndToEnd):
@@ -92,12 +92,13 @@ class DeskServe(support.EndToEnd):
                 seen[row["frame"]] = row
             # One that was killed while it was answered is stored or not.
             self.assertGreaterEqual(len(desk.json("GET", flight + "/fixes", expect=200)["fixes"]), fixes)
-            killer = threading.Timer(generator.uniform(0.02, 0.9), desk.kill)
+            killer = threading.Timer(generator.uniform(0.02, 0.6), desk.kill)
             killer.start()
             try:
                 while True:
                     batch, waiting = waiting[:2], waiting[2:]
-                    if not batch:
+                    if not batch:  # the last kills hit frames that are processed, smoothed and adjusted
+                        desk.json("POST", flight + "/complete", expect=202)
                         time.sleep(0.02)
                         desk.json("GET", flight, expect=200)
                         continue
@@ -118,8 +119,11 @@ class DeskServe(support.EndToEnd):
         while waiting:
             batch, waiting = waiting[:2], waiting[2:]
             accepted.update({name: answer["frame"] for name, answer in desk.send(flight, batch).items()})
+        desk.settled(flight)
+        desk.json("POST", flight + "/complete", expect=202)
         document = desk.settled(flight)
-        self.assertEqual(FRAMES, document["pictures"]["processed"])
+        self.assertEqual(("completed", FRAMES), (document["state"], document["pictures"]["processed"]))
+        self.assertEqual(["online", "refined", "adjusted"], document["kinds"])
         estimates = desk.json("GET", flight + "/estimates", expect=200)["estimates"]
         self.assertEqual(accepted, {row["name"]: row["frame"] for row in estimates})
         events = desk.events(flight, 0, document["last_event"])
