@@ -28,6 +28,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres
   desk          stored flights and the desk: creating one, a batch of pictures, a frame, its event, an object's place, resuming (two minutes)
+  segments      floating segments placed as wholes: right, wrongly, how far off; with the land on the map and without (SEEDS; 20 minutes)
   large-flight  a stored flight of 3000 pictures of 26 megapixels: memory, time, drift (FOLDER [FRAMES]; half an hour, 14 GB)
   adjusted      flights from pictures, adjusted as a whole: photos of shared/data and simulated ones (15 minutes; --only NAME, --seeds N)
   adjustment    block adjustment of a drawn survey: 3000 frames, 200 000 observations (two minutes; --frames N)
@@ -100,6 +101,7 @@ part() {
     turns)        one_program bench_turns && build/bin/bench_turns "$@" ;;
     smoothing)    one_program bench_smoothing && build/bin/bench_smoothing "$@" ;;
     desk)         one_program bench_desk && desk "$@" ;;
+    segments)     one_program bench_segments && build/bin/bench_segments "$@" ;;
     large-flight) one_program bench_large_flight && build/bin/bench_large_flight "$@" ;;
     adjusted)     one_program nadir && one_program bench_adjusted_flight && python3 -B "$here/adjusted.py" build "$@" ;;
     adjustment)   one_program bench_adjustment && build/bin/bench_adjustment "$@" ;;
@@ -126,8 +128,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, adjusted, adjustment, desk, large-flight, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
-  build | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjusted | adjustment | survey | desk | large-flight | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
+    echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, adjusted, adjustment, survey, desk, segments, large-flight, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
+  build | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjusted | adjustment | survey | desk | segments | large-flight | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac
