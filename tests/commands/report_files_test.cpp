@@ -92,6 +92,14 @@ TEST_F(ReportFiles, ReportsAFolderThatCannotBeCreated) {
   EXPECT_NE(err_.str().find("taken"), std::string::npos);
 }
 
+std::size_t occurrences(const std::string& text, std::string_view word) {
+  std::size_t count = 0;
+  for (std::size_t at = text.find(word); at != std::string::npos; at = text.find(word, at + word.size())) {
+    ++count;
+  }
+  return count;
+}
+
 TEST(CacheReport, TextFromFilesIsEscaped) {
   CacheReport report;
   report.title = "</title><script>alert(1)</script>";
@@ -101,9 +109,13 @@ TEST(CacheReport, TextFromFilesIsEscaped) {
                        .found = "a \"quoted\", | piped\nline"});
   const std::string html = cache_report_html(report);
   EXPECT_EQ(html.find("<script>alert"), std::string::npos);
-  EXPECT_EQ(html.find("<img"), std::string::npos);
-  for (const char* word : {"src=\"http", "href=\"http", "url(http", "@import", "fetch(", "XMLHttpRequest", "{{"}) {
-    EXPECT_EQ(html.find(word), std::string::npos) << word;
+  // The embedded map library names these in its own code; what files say adds none.
+  CacheReport harmless;
+  harmless.title = "title";
+  const std::string page = cache_report_html(harmless);
+  for (const char* word :
+       {"<img", "src=\"http", "href=\"http", "url(http", "@import", "fetch(", "XMLHttpRequest", "{{"}) {
+    EXPECT_EQ(occurrences(html, word), occurrences(page, word)) << word;
   }
   const std::string csv = findings_csv(report.findings);
   EXPECT_EQ(csv.find('\x1b'), std::string::npos);
