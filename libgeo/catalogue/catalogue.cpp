@@ -80,19 +80,7 @@ std::int64_t Catalogue::add_package(const CatalogueEntry& entry) {
   return database_.insert("packages", row, Insert::one);
 }
 
-void Catalogue::add_plan(const CatalogueEntry& entry, std::int64_t package_id) {
-  const Mission& mission = entry.mission;
-  for (const Sector& sector : mission.sectors) {
-    GeoRing ring = sector.polygon;
-    ring.push_back(ring.front());
-    CatalogueRow row = database_.new_row("sectors");
-    row.set("package_id", package_id)
-        .set("sector", sector.id)
-        .set("class", name_of(sector.cls))
-        .set("freshness_days", std::int64_t{mission.freshness_days.of(sector.cls)})
-        .shape(polygon_geometry({std::move(ring)}));
-    database_.insert("sectors", row, Insert::one);
-  }
+void Catalogue::add_route(const Mission& mission, std::int64_t package_id) {
   CatalogueRow route = database_.new_row("routes");
   route.set("package_id", package_id)
       .set("agl_m", mission.route.agl_m)
@@ -105,6 +93,20 @@ void Catalogue::add_plan(const CatalogueEntry& entry, std::int64_t package_id) {
       .set("freshness_days", std::int64_t{mission.freshness_days.active})
       .shape(polygon_geometry(corridor_area(mission)));
   database_.insert("corridors", corridor, Insert::one);
+}
+
+void Catalogue::add_plan(const CatalogueEntry& entry, std::int64_t package_id) {
+  const Mission& mission = entry.mission;
+  for (const Sector& sector : mission.sectors) {
+    CatalogueRow row = database_.new_row("sectors");
+    row.set("package_id", package_id)
+        .set("sector", sector.id)
+        .set("class", name_of(sector.cls))
+        .set("freshness_days", std::int64_t{mission.freshness_days.of(sector.cls)})
+        .shape(polygon_geometry(sector_area(mission, sector)));
+    database_.insert("sectors", row, Insert::one);
+  }
+  if (!mission.route.points.empty()) add_route(mission, package_id);
   for (const CatalogueSource& source : sources_of(entry.tiles)) {
     CatalogueRow row = database_.new_row("sources");
     row.set("package_id", package_id)

@@ -69,6 +69,7 @@ class Catalogue {
   std::optional<CataloguedPackage> find(const std::string& series, std::int64_t sequence);
   std::int64_t add_package(const CatalogueEntry& entry);
   void add_plan(const CatalogueEntry& entry, std::int64_t package_id);
+  void add_route(const Mission& mission, std::int64_t package_id);
   void add_tiles(const CatalogueEntry& entry, std::int64_t package_id, Progress& progress);
   void add_gap(const CatalogueGap& gap, std::optional<std::int64_t> package_id, const std::string& mission,
                UtcTime evaluated_at);

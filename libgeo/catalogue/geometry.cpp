@@ -95,6 +95,18 @@ GeoPolygon closed(std::vector<LonLat> ring) {
   return {std::move(ring)};
 }
 
+// A shape in metres of the plane, widened.
+GeoPolygon buffered_area(const OGRGeometry& shape, double by_m, const LocalFrame& frame, const std::string& where) {
+  const GeometryHandle buffered(shape.Buffer(by_m, kQuarterCircle));
+  GeoArea area = buffered ? area_from(*buffered) : GeoArea();
+  if (area.size() != 1) throw Error({.what = "a widened shape is not a polygon", .where = where});
+  for (GeoRing& ring : area.front()) {
+    // GDAL's x and y are metres of the plane here, although area_from() took them for degrees.
+    for (LonLat& place : ring) place = frame.lonlat_from_plane({place.lon_deg, place.lat_deg});
+  }
+  return area.front();
+}
+
 // All tiles from `first` to `last`, which is further south in the same column.
 GeoPolygon column_area(const TileKey& first, const TileKey& last) {
   const LonLat north_west = place_of(first, {0, 0}), south_east = place_of(last, {kTileSize, kTileSize});
@@ -126,20 +138,24 @@ GeoPolygon corridor_area(const Mission& mission) {
   const LocalFrame frame = mission_frame(mission);
   OGRLineString line;
   for (const PlanePoint& point : to_plane(frame, mission.route.points)) line.addPoint(point.east_m, point.north_m);
-  const GeometryHandle buffered(line.Buffer(mission.route.corridor_half_width_m, kQuarterCircle));
-  GeoArea area = buffered ? area_from(*buffered) : GeoArea();
-  if (area.size() != 1)
-    throw Error({.what = "the route's corridor is not a polygon", .where = "mission " + mission.id});
-  for (GeoRing& ring : area.front()) {
-    // GDAL's x and y are metres of the plane here, although area_from() took them for degrees.
-    for (LonLat& place : ring) place = frame.lonlat_from_plane({place.lon_deg, place.lat_deg});
-  }
-  return area.front();
+  return buffered_area(line, mission.route.corridor_half_width_m, frame, "the route of mission " + mission.id);
+}
+
+GeoPolygon sector_area(const Mission& mission, const Sector& sector) {
+  if (!(sector.buffer_m > 0)) return closed(sector.polygon);
+  const LocalFrame frame = mission_frame(mission);
+  OGRLinearRing ring;
+  for (const PlanePoint& point : to_plane(frame, sector.polygon)) ring.addPoint(point.east_m, point.north_m);
+  ring.closeRings();
+  OGRPolygon polygon;
+  polygon.addRing(&ring);
+  return buffered_area(polygon, sector.buffer_m, frame, "sector " + sector.id);
 }
 
 GeoArea mission_area(const Mission& mission) {
-  GeoArea parts{corridor_area(mission)};
-  for (const Sector& sector : mission.sectors) parts.push_back(closed(sector.polygon));
+  GeoArea parts;
+  if (!mission.route.points.empty()) parts.push_back(corridor_area(mission));
+  for (const Sector& sector : mission.sectors) parts.push_back(sector_area(mission, sector));
   return area_from(*union_of(parts));
 }
 

@@ -37,7 +37,8 @@ GeoArea area_from(const OGRGeometry& geometry);
 GeometryHandle union_of(const GeoArea& polygons);
 
 // The ground within the half width of the route, buffered in the mission's local frame.
-GeoPolygon corridor_area(const Mission& mission);
+GeoPolygon corridor_area(const Mission& mission);                      // of a mission with a route
+GeoPolygon sector_area(const Mission& mission, const Sector& sector);  // with its buffer
 
 // Sectors and corridor together.
 GeoArea mission_area(const Mission& mission);

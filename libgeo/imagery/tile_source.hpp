@@ -12,6 +12,8 @@ namespace nadir {
 struct ZoomRange {
   int min = 0;
   int max = 0;
+
+  bool operator==(const ZoomRange&) const = default;
 };
 
 class TileSource {

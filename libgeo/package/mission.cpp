@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <set>
@@ -24,6 +25,7 @@ constexpr double kMinSectorArea_m2 = 100;
 constexpr double kMaxDistanceFromTakeoff_m = 200'000;
 constexpr double kMaxHalfWidth_m = 10'000;
 constexpr double kMaxAgl_m = 10'000;
+constexpr double kMaxFlightHeight_m = 20'000;
 constexpr std::int64_t kMaxFreshness_days = 36'500;
 constexpr std::int64_t kMaxBudget_mb = 1'000'000;
 
@@ -148,7 +150,7 @@ std::vector<LonLat> read_polygon(const YamlNode& node, const std::optional<LonLa
 }
 
 Sector read_sector(const YamlNode& node, const std::optional<LonLat>& takeoff) {
-  node.allow_only({"id", "class", "polygon"});
+  node.allow_only({"id", "class", "polygon", "buffer_m"});
   Sector sector;
   sector.id = read_id(node.required("id"));
   const YamlNode cls = node.required("class");
@@ -158,7 +160,42 @@ Sector read_sector(const YamlNode& node, const std::optional<LonLat>& takeoff) {
     cls.reject("\"stable\" or \"active\"");
   }
   sector.polygon = read_polygon(node.required("polygon"), takeoff);
+  if (const auto buffer = node.optional("buffer_m")) {
+    sector.buffer_m = number_between(*buffer, 0, kMaxHalfWidth_m, "metres");
+  }
   return sector;
+}
+
+NoFlyArea read_no_fly_area(const YamlNode& node, const std::optional<LonLat>& takeoff) {
+  node.allow_only({"id", "polygon", "circle"});
+  NoFlyArea area;
+  area.id = read_id(node.required("id"));
+  const auto polygon = node.optional("polygon"), circle = node.optional("circle");
+  if (polygon.has_value() == circle.has_value()) refuse(node, "a polygon or a circle", polygon ? "both" : "neither");
+  if (polygon) {
+    area.polygon = read_polygon(*polygon, takeoff);
+    return area;
+  }
+  circle->allow_only({"lon_deg", "lat_deg", "radius_m"});
+  area.centre = checked_place(circle->required("lon_deg"), circle->required("lat_deg"));
+  area.radius_m = positive_up_to(circle->required("radius_m"), kMaxDistanceFromTakeoff_m, "metres");
+  check_near(*circle, {area.centre}, takeoff);
+  return area;
+}
+
+void read_no_fly(const YamlNode& list, const std::optional<LonLat>& takeoff, PartReader& reader, Mission& mission) {
+  const auto items = list.items();
+  if (items.size() > kMaxSectors) {
+    refuse(list, fmt::format("at most {} no-fly areas", kMaxSectors), fmt::format("{}", items.size()));
+  }
+  std::set<std::string> ids;
+  for (const YamlNode& item : items) {
+    reader.attempt([&] {
+      NoFlyArea area = read_no_fly_area(item, takeoff);
+      if (!ids.insert(area.id).second) item.required("id").reject("an id that no other no-fly area has");
+      mission.no_fly.push_back(std::move(area));
+    });
+  }
 }
 
 void read_sectors(const YamlNode& list, const std::optional<LonLat>& takeoff, PartReader& reader, Mission& mission) {
@@ -176,19 +213,41 @@ void read_sectors(const YamlNode& list, const std::optional<LonLat>& takeoff, Pa
   }
 }
 
+constexpr std::array kHeightFrames{HeightFrame::above_ground, HeightFrame::above_takeoff, HeightFrame::above_sea_level};
+
+void read_heights(const YamlNode& node, Route& route) {
+  node.allow_only({"frame", "m"});
+  const YamlNode frame = node.required("frame");
+  const auto* found = std::find_if(kHeightFrames.begin(), kHeightFrames.end(),
+                                   [&](HeightFrame one) { return name_of(one) == frame.text(); });
+  if (found == kHeightFrames.end()) frame.reject("\"above_ground\", \"above_takeoff\" or \"above_sea_level\"");
+  route.height_frame = *found;
+  const YamlNode list = node.required("m");
+  const auto heights = list.items();
+  if (heights.size() != route.points.size()) {
+    refuse(list, fmt::format("one height for each of the {} points", route.points.size()),
+           fmt::format("{} heights", heights.size()));
+  }
+  for (const YamlNode& height : heights) {
+    route.heights_m.push_back(number_between(height, -500, kMaxFlightHeight_m, "metres"));
+  }
+}
+
 Route read_route(const YamlNode& node, const std::optional<LonLat>& takeoff) {
-  node.allow_only({"corridor_half_width_m", "agl_m", "points"});
+  node.allow_only({"corridor_half_width_m", "agl_m", "points", "heights"});
   Route route;
   route.corridor_half_width_m = positive_up_to(node.required("corridor_half_width_m"), kMaxHalfWidth_m, "metres");
   route.agl_m = positive_up_to(node.required("agl_m"), kMaxAgl_m, "metres");
   const YamlNode points = node.required("points");
-  route.points = read_points(points, 2);
+  route.points = read_points(points, 0);
+  if (route.points.size() == 1) refuse(points, "two points or more, or none for an area alone", "1 point");
   check_near(points, route.points, takeoff);
   for (std::size_t i = 1; i < route.points.size(); ++i) {
     if (route.points[i] == route.points[i - 1]) {
       refuse(points, "points that differ from the one before", fmt::format("point {} repeats point {}", i + 1, i));
     }
   }
+  if (const auto heights = node.optional("heights")) read_heights(*heights, route);
   return route;
 }
 
@@ -250,7 +309,8 @@ void read_root(const YamlNode& root, PartReader& reader, Mission& mission) {
   bool has_created = false, has_zoom = false;
   reader.attempt([&] {
     root.allow_only({"schema", "id", "series", "sequence", "created", "expires", "takeoff", "terrain", "zoom",
-                     "min_resolution_m", "budget_mb", "freshness_days", "airframes", "sectors", "route", "integrity"});
+                     "min_resolution_m", "budget_mb", "freshness_days", "airframes", "sectors", "route", "no_fly",
+                     "integrity"});
   });
   reader.attempt([&] {
     const YamlNode schema = root.required("schema");
@@ -295,7 +355,16 @@ void read_root(const YamlNode& root, PartReader& reader, Mission& mission) {
   });
   reader.attempt([&] { mission.airframes = read_airframes(root.required("airframes")); });
   reader.attempt([&] { read_sectors(root.required("sectors"), takeoff, reader, mission); });
-  reader.attempt([&] { mission.route = read_route(root.required("route"), takeoff); });
+  reader.attempt([&] {
+    const YamlNode node = root.required("route");
+    mission.route = read_route(node, takeoff);
+    if (mission.route.points.empty() && root.required("sectors").items().empty()) {
+      refuse(node, "a route, or sectors: a mission needs ground", "no points and no sectors");
+    }
+  });
+  reader.attempt([&] {
+    if (const auto node = root.optional("no_fly")) read_no_fly(*node, takeoff, reader, mission);
+  });
   reader.attempt([&] {
     if (const auto node = root.optional("integrity")) mission.integrity = read_integrity(*node);
   });
@@ -310,6 +379,15 @@ MissionReading parse_mission(std::string_view yaml, std::string_view name) {
   reader.attempt([&] { read_root(YamlNode::parse(yaml, name), reader, mission); });
   if (reading.findings.empty()) reading.mission = std::move(mission);
   return reading;
+}
+
+std::string_view name_of(HeightFrame frame) {
+  switch (frame) {
+    case HeightFrame::above_ground: return "above_ground";
+    case HeightFrame::above_takeoff: return "above_takeoff";
+    case HeightFrame::above_sea_level: return "above_sea_level";
+  }
+  return "above_ground";
 }
 
 std::string_view name_of(SectorClass cls) { return cls == SectorClass::stable ? "stable" : "active"; }
@@ -338,13 +416,44 @@ Mission read_mission(const std::filesystem::path& path) {
 
 LocalFrame mission_frame(const Mission& mission) { return LocalFrame(mission.takeoff, mission.terrain.height_m); }
 
-Region required_region(const Mission& mission, const LocalFrame& frame) {
-  Region region;
-  for (const Sector& sector : mission.sectors) region.rings.push_back(to_plane(frame, sector.polygon));
-  if (!mission.route.points.empty()) {
-    region.corridors.push_back({to_plane(frame, mission.route.points), mission.route.corridor_half_width_m});
+Region region_of(const Sector& sector, const LocalFrame& frame) {
+  Region region{{to_plane(frame, sector.polygon)}, {}};
+  if (sector.buffer_m > 0) {
+    Corridor rim{region.rings.front(), sector.buffer_m};
+    rim.path.push_back(rim.path.front());
+    region.corridors.push_back(std::move(rim));
   }
   return region;
+}
+
+Region corridor_of(const Route& route, const LocalFrame& frame) {
+  Region region;
+  if (!route.points.empty()) {
+    region.corridors.push_back({to_plane(frame, route.points), route.corridor_half_width_m});
+  }
+  return region;
+}
+
+Region required_region(const Mission& mission, const LocalFrame& frame) {
+  Region region = corridor_of(mission.route, frame);
+  for (const Sector& sector : mission.sectors) {
+    Region one = region_of(sector, frame);
+    region.rings.push_back(std::move(one.rings.front()));
+    for (Corridor& rim : one.corridors) region.corridors.push_back(std::move(rim));
+  }
+  return region;
+}
+
+double height_above_ground_m(const Mission& mission, std::size_t point, double ground_m, double takeoff_ground_m) {
+  const Route& route = mission.route;
+  if (route.heights_m.empty()) return route.agl_m;
+  const double height_m = route.heights_m.at(point);
+  switch (route.height_frame) {
+    case HeightFrame::above_ground: return height_m;
+    case HeightFrame::above_takeoff: return height_m + takeoff_ground_m - ground_m;
+    case HeightFrame::above_sea_level: return height_m - ground_m;
+  }
+  return height_m;
 }
 
 }  // namespace nadir

@@ -30,6 +30,9 @@ struct Sector {
   std::string id;
   SectorClass cls = SectorClass::active;
   std::vector<LonLat> polygon;  // without the closing point that the file repeats
+  double buffer_m = 0;          // everything within this distance of the polygon belongs to the sector
+
+  bool operator==(const Sector&) const = default;
 };
 
 struct FreshnessDays {
@@ -37,18 +40,39 @@ struct FreshnessDays {
   int active = 0;
 
   int of(SectorClass cls) const { return cls == SectorClass::stable ? stable : active; }
+  bool operator==(const FreshnessDays&) const = default;
 };
+
+// What the heights of a route are counted from.
+enum class HeightFrame { above_ground, above_takeoff, above_sea_level };
+std::string_view name_of(HeightFrame frame);
 
 struct Route {
   double corridor_half_width_m = 0;
-  double agl_m = 0;  // planned height above ground
-  std::vector<LonLat> points;
+  double agl_m = 0;            // planned height above ground, where heights_m says nothing else
+  std::vector<LonLat> points;  // none: an area alone
+  HeightFrame height_frame = HeightFrame::above_ground;
+  std::vector<double> heights_m;  // one for each point, or none
+
+  bool operator==(const Route&) const = default;
+};
+
+// Where the aircraft must not be. The map does not need it; people who plan do.
+struct NoFlyArea {
+  std::string id;
+  std::vector<LonLat> polygon;  // without the closing point; empty for a circle
+  LonLat centre;
+  double radius_m = 0;  // of the circle
+
+  bool operator==(const NoFlyArea&) const = default;
 };
 
 // Ground without an elevation model is flat at one height.
 struct Terrain {
   bool flat = true;     // false: the package holds terrain/dem.tif
   double height_m = 0;  // of the flat ground; with an elevation model only of the local plane of coordinates
+
+  bool operator==(const Terrain&) const = default;
 };
 
 // Which positions may be used. Optional in the file, as a whole and each value.
@@ -59,6 +83,8 @@ struct IntegrityRequirement {
   double risk = 1e-5;  // per look at the map
   double alert_limit_m = 100;
   double time_to_alert_s = 3;
+
+  bool operator==(const IntegrityRequirement&) const = default;
 };
 
 inline constexpr double kMinIntegrityRisk = 1e-9, kMaxIntegrityRisk = 1e-2;
@@ -80,9 +106,11 @@ struct Mission {
   std::vector<std::string> airframes;  // kAnyAirframe: every airframe
   std::vector<Sector> sectors;
   Route route;
+  std::vector<NoFlyArea> no_fly;
   IntegrityRequirement integrity;
 
   bool allows(std::string_view airframe) const;
+  bool operator==(const Mission&) const = default;
 };
 
 // Everything that is wrong, as findings "mission.schema" with file, line and column. `mission` is there exactly when
@@ -100,5 +128,10 @@ Mission read_mission(const std::filesystem::path& path);
 // Sectors and corridor in the plane of `frame`, which is usually mission_frame().
 LocalFrame mission_frame(const Mission& mission);  // origin: the take-off point
 Region required_region(const Mission& mission, const LocalFrame& frame);
+Region region_of(const Sector& sector, const LocalFrame& frame);  // with its buffer
+Region corridor_of(const Route& route, const LocalFrame& frame);  // without rings; empty for an area alone
+
+// Planned height above the ground at a point of the route, where the ground is at these heights above sea level.
+double height_above_ground_m(const Mission& mission, std::size_t point, double ground_m, double takeoff_ground_m);
 
 }  // namespace nadir

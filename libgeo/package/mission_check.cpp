@@ -60,7 +60,7 @@ const Sector* governing_sector(const Mission& mission, const LocalFrame& frame, 
   for (const Sector& sector : mission.sectors) {
     const bool stricter =
         strictest == nullptr || mission.freshness_days.of(sector.cls) < mission.freshness_days.of(strictest->cls);
-    if (stricter && CoverageRequirement({{to_plane(frame, sector.polygon)}, {}}).needs(footprint)) strictest = &sector;
+    if (stricter && CoverageRequirement(region_of(sector, frame)).needs(footprint)) strictest = &sector;
   }
   return strictest;
 }
@@ -75,10 +75,9 @@ Findings check_freshness(const Mission& mission, std::span<const Sidecar> tiles,
   };
   std::vector<Area> areas;
   for (const Sector& sector : mission.sectors) {
-    areas.push_back({"sector " + sector.id, sector.cls, CoverageRequirement({{to_plane(frame, sector.polygon)}, {}})});
+    areas.push_back({"sector " + sector.id, sector.cls, CoverageRequirement(region_of(sector, frame))});
   }
-  const Region region = required_region(mission, frame);
-  areas.push_back({"the corridor", SectorClass::active, CoverageRequirement({{}, region.corridors})});
+  areas.push_back({"the corridor", SectorClass::active, CoverageRequirement(corridor_of(mission.route, frame))});
 
   struct Stale {
     std::size_t count = 0;

@@ -80,7 +80,7 @@ TEST_F(MissionImport, TheRouteMustBeUnambiguous) {
   EXPECT_EQ(import(path("two.geojson")), 2);
   EXPECT_NE(err_.str().find("\"north\", \"south\""), std::string::npos) << err_.str();
   EXPECT_EQ(import(path("two.geojson"), {"--route", "west"}), 2);
-  EXPECT_EQ(import(folder_.write("none.geojson", collection({kArea})).string()), 2);
+  EXPECT_EQ(import(folder_.write("none.geojson", collection({})).string()), 2);
   EXPECT_NE(err_.str().find("no lines"), std::string::npos) << err_.str();
   EXPECT_EQ(import(path("two.geojson"), {"--route", "south"}), 0) << err_.str();
 }
@@ -97,6 +97,37 @@ TEST_F(MissionImport, WritesNothingForAnInvalidMission) {
   EXPECT_EQ(import(folder_.write("text.kml", "no drawing").string()), 2);
   EXPECT_EQ(import(path("absent.kml")), 2);
   EXPECT_FALSE(fs::exists(path("m.yaml")));
+}
+
+TEST_F(MissionImport, AnAreaAloneWithABufferIsAMission) {
+  ASSERT_EQ(import(folder_.write("area.geojson", collection({kArea})).string(), {"--buffer-m", "150"}), 0) << err_.str();
+  const Mission mission = read_mission(path("m.yaml"));
+  EXPECT_TRUE(mission.route.points.empty());
+  ASSERT_EQ(mission.sectors.size(), 1U);
+  EXPECT_EQ(mission.sectors[0].buffer_m, 150);
+  ASSERT_EQ(run({"mission", "plan", path("m.yaml"), "--json"}), 0) << err_.str();
+  const auto plan = nlohmann::json::parse(out_.str());
+  // 149 x 222 m, 150 m around it, with round corners.
+  EXPECT_NEAR(plan["needed_km2"].get<double>(), (149.2 * 222.4 + 2 * 150 * (149.2 + 222.4) + M_PI * 150 * 150) / 1e6, 0.003);
+}
+
+TEST_F(MissionImport, ExportGoesOutAndComesBack) {
+  folder_.write("mission.yaml", test::mission_yaml({{"points: [[11.0000", "heights: {frame: above_sea_level, m: [510, 620.25]}\n  points: [[11.0000"}}));
+  const Mission mission = read_mission(path("mission.yaml"));
+  for (const char* file : {"m.plan", "m.kml", "m.kmz", "m.geojson", "m.gpkg"}) {
+    fs::remove(path("m.yaml"));
+    ASSERT_EQ(run({"mission", "export", path("mission.yaml"), "--out", path(file)}), 0) << err_.str();
+    ASSERT_EQ(run({"mission", "import", path(file), "--out", path("m.yaml")}), 0) << file << err_.str() << out_.str();
+    EXPECT_EQ(read_mission(path("m.yaml")), mission) << file;
+    EXPECT_EQ(run({"mission", "export", path("mission.yaml"), "--out", path(file)}), 2) << "an existing file is kept";
+  }
+  ASSERT_EQ(run({"mission", "export", path("mission.yaml"), "--format", "waypoints", "--out", path("m.txt")}), 0);
+  EXPECT_NE(err_.str().find("left out"), std::string::npos);
+  fs::remove(path("m.yaml"));
+  EXPECT_EQ(run({"mission", "import", path("m.txt"), "--out", path("m.yaml")}), 2) << "waypoints need an id or a mission";
+  ASSERT_EQ(run({"mission", "import", path("m.txt"), "--mission", path("mission.yaml"), "--out", path("m.yaml")}), 0) << err_.str();
+  EXPECT_EQ(read_mission(path("m.yaml")), mission);
+  EXPECT_EQ(run({"mission", "export", path("mission.yaml"), "--out", path("m.doc")}), 2);
 }
 
 // nadir mission plan: counts against formulas, the estimate against a real package of the same tiles.

@@ -8,7 +8,9 @@
 #include "imagery/frame_image.hpp"
 #include "imagery/matchability_raster.hpp"
 #include "imagery/terrain_raster.hpp"
-#include "package_build/vector_features.hpp"
+#include "mission_formats/mavlink_plans.hpp"
+#include "mission_formats/mission_drawing.hpp"
+
 #include "raster/gdal_drivers.hpp"
 #include "raster/imagery_input.hpp"
 #include "replay/flight_folder.hpp"
@@ -30,7 +32,7 @@ void stac_item(std::string_view bytes) {
 namespace {
 
 void drawing(std::string_view name, std::string_view bytes) {
-  refusing([&] { read_vector_features(scratch_file(name, bytes)); });
+  refusing([&] { read_mission_drawing(scratch_file(name, bytes)); });
 }
 
 }  // namespace
@@ -43,6 +45,38 @@ void vrt(std::string_view bytes) {
 
 void kml(std::string_view bytes) { drawing("plan.kml", bytes); }
 void geojson(std::string_view bytes) { drawing("plan.geojson", bytes); }
+
+namespace {
+
+// What is accepted must give the same mission when it is written and read again.
+void planned(const MissionDrawing& drawing) {
+  for (const DrawnLine& line : drawing.lines) {
+    require(line.heights_m.empty() || line.heights_m.size() == line.points.size(), "another number of heights");
+    for (const LonLat& at : line.points) {
+      require(std::abs(at.lon_deg) <= 180 && std::abs(at.lat_deg) <= 90, "a place outside of the world");
+    }
+    for (const double height_m : line.heights_m) require(std::isfinite(height_m), "a height that is none");
+  }
+  MissionImportOptions options;
+  options.id = "fuzz";
+  refusing([&] {
+    const ImportedMission imported = mission_from_drawing(drawing, options, "fuzz");
+    if (!imported.reading.mission || imported.reading.mission->route.points.empty()) return;
+    const Mission& mission = *imported.reading.mission;
+    const ImportedMission again = mission_from_drawing(read_plan(mission_as_plan(mission), "again"), {}, "again");
+    require(again.reading.mission == mission, "a mission changes when it is written");
+  });
+}
+
+}  // namespace
+
+void plan(std::string_view bytes) {
+  refusing([&] { planned(read_plan(bytes, "fuzz")); });
+}
+
+void waypoints(std::string_view bytes) {
+  refusing([&] { planned(read_waypoints(bytes, "fuzz")); });
+}
 
 void camera(std::string_view bytes) {
   refusing([&] {

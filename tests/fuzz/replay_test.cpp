@@ -38,6 +38,8 @@ const std::vector<Target>& targets() {
                                        {"stac_item", fuzz::stac_item},
                                        {"kml", fuzz::kml},
                                        {"geojson", fuzz::geojson},
+                                       {"plan", fuzz::plan},
+                                       {"waypoints", fuzz::waypoints},
                                        {"camera", fuzz::camera},
                                        {"telemetry", fuzz::telemetry},
                                        {"poses", fuzz::poses},

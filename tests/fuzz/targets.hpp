@@ -23,6 +23,8 @@ void candidate_rows(std::string_view bytes);  // rows of a store of candidates, 
 void stac_item(std::string_view bytes);
 void kml(std::string_view bytes);
 void geojson(std::string_view bytes);
+void plan(std::string_view bytes);       // of QGroundControl
+void waypoints(std::string_view bytes);  // QGC WPL 110
 void camera(std::string_view bytes);
 void telemetry(std::string_view bytes);
 void poses(std::string_view bytes);

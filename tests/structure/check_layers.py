@@ -42,6 +42,7 @@ ALLOWED = {
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
     "raster": "base geodesy imagery package",
+    "mission_formats": "base geodesy package raster",
     "package_build": "base geodesy imagery trust package vision ortho raster",
     "catalogue": "base geodesy package raster",
     "upload": "base imagery trust ortho",
@@ -55,14 +56,14 @@ ALLOWED = {
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
     "commands": "base geodesy imagery trust package vision estimation adjustment ortho recorder flights flight_adjustment replay mavlink upload raster package_build "
-                "catalogue simulation provision flight_import cli report map_page verify_request nadird_client desk",
+                "catalogue simulation provision flight_import mission_formats cli report map_page verify_request nadird_client desk",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }
 # Libraries that no header may include, and those that only the named folders may include at all.
 HEAVY_IN_HEADERS = re.compile(r"^(ceres/|exiv2/|gdal|ogr|cpl_|faiss/|CLI/|boost/beast|nlohmann/json\.hpp$|proj\.h$)")
 ONLY_IN = [
-    (re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"raster", "package_build", "catalogue", "candidates", "simulation", "commands"}),
+    (re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"raster", "mission_formats", "package_build", "catalogue", "candidates", "simulation", "commands"}),
     (re.compile(r"^curl/"), {"upload"}),
     (re.compile(r"^CLI/"), {"cli"}),
     (re.compile(r"^faiss/"), {"vision"}),

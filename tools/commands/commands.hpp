@@ -23,6 +23,7 @@ std::unique_ptr<Command> make_keys_permit_rollback();
 std::unique_ptr<Command> make_keys_permit_time();
 std::unique_ptr<Command> make_mission_check();
 std::unique_ptr<Command> make_mission_import();
+std::unique_ptr<Command> make_mission_export();
 std::unique_ptr<Command> make_mission_plan();
 std::unique_ptr<Command> make_cache_build();
 std::unique_ptr<Command> make_cache_update();

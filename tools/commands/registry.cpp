@@ -19,6 +19,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
                           make_keys_permit_time,
                           make_mission_check,
                           make_mission_import,
+                          make_mission_export,
                           make_mission_plan,
                           make_cache_build,
                           make_cache_update,

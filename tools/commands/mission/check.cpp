@@ -27,7 +27,9 @@ Demand demand_of(const Mission& mission) {
   Demand demand;
   const Region region = required_region(mission, mission_frame(mission));
   for (const PlaneRing& ring : region.rings) demand.sectors_km2 += std::abs(area_m2(ring)) / 1e6;
-  for (const Corridor& corridor : region.corridors) demand.route_km += length_m(corridor.path) / 1000;
+  for (const Corridor& corridor : corridor_of(mission.route, mission_frame(mission)).corridors) {
+    demand.route_km += length_m(corridor.path) / 1000;
+  }
   for (int zoom = mission.zoom.min; zoom <= mission.zoom.max; ++zoom) {
     demand.tiles += required_tiles(mission, zoom).size();
   }

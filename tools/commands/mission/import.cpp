@@ -1,81 +1,29 @@
-// nadir mission import: a mission file from a route and areas that were drawn in another program.
+// nadir mission import: a mission file from what was drawn or planned in another program.
 #include <fmt/format.h>
 
-#include <algorithm>
+#include <array>
 #include <filesystem>
 #include <optional>
 #include <ostream>
-#include <set>
 #include <string>
+#include <vector>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/printable.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "commands/commands.hpp"
-#include "package/mission.hpp"
-#include "package_build/vector_features.hpp"
+#include "mission_formats/mission_drawing.hpp"
 
 namespace nadir {
 namespace {
-
-constexpr std::int64_t kSecondsPerDay = 86'400;
-
-const VectorFeature& choose_route(const VectorFeatures& plan, const std::optional<std::string>& name,
-                                  const std::string& where) {
-  const VectorFeature* chosen = nullptr;
-  std::size_t matching = 0;
-  std::string names;
-  for (const VectorFeature& line : plan.lines) {
-    names += (names.empty() ? "\"" : ", \"") + printable(line.name) + "\"";
-    if (name && line.name != *name) continue;
-    chosen = &line;
-    ++matching;
-  }
-  if (matching == 1) return *chosen;
-  throw UsageError(
-      {.what = "it is unclear which line is the route",
-       .where = where,
-       .expected = name ? "one line named \"" + *name + "\"" : "one line",
-       .found = plan.lines.empty() ? "no lines" : fmt::format("{}: {}", count(plan.lines.size(), "line"), names),
-       .fix = plan.lines.empty() ? "draw the route as a line" : "select one: --route NAME"});
-}
-
-// Ids take letters, digits, '-', '_' and '.'.
-std::string id_from(const std::string& name, const std::string& otherwise, std::set<std::string>& taken) {
-  std::string id;
-  for (const char c : name) {
-    const bool plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
-    if (plain || (!id.empty() && (c == '-' || c == '_' || c == '.'))) {
-      id += c;
-    } else if (!id.empty() && id.back() != '-') {
-      id += '-';
-    }
-  }
-  id = id.substr(0, 56);
-  while (!id.empty() && id.back() == '-') id.pop_back();
-  if (id.empty()) id = otherwise;
-  std::string unique = id;
-  for (int n = 2; !taken.insert(unique).second; ++n) unique = fmt::format("{}-{}", id, n);
-  return unique;
-}
-
-std::string points_yaml(const std::vector<LonLat>& points) {
-  std::string yaml;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    if (i > 0 && points[i] == points[i - 1]) continue;
-    yaml += fmt::format("{}[{:.7f}, {:.7f}]", yaml.empty() ? "" : ", ", points[i].lon_deg, points[i].lat_deg);
-  }
-  return "[" + yaml + "]";
-}
 
 class MissionImportCommand final : public Command {
  public:
   std::string_view group() const override { return "mission"; }
   std::string_view name() const override { return "import"; }
-  std::string_view summary() const override { return "create a mission file from a drawn route and areas"; }
+  std::string_view summary() const override { return "create a mission file from a plan or a drawing"; }
   std::string_view details() const override;
   std::string_view examples() const override;
 
@@ -83,42 +31,56 @@ class MissionImportCommand final : public Command {
   int run(Context& context) override;
 
  private:
+  MissionImportOptions options_;
   std::filesystem::path file_;
-  std::string id_;
-  std::optional<std::string> route_;
+  std::optional<std::filesystem::path> mission_;
   std::string class_ = "active";
-  double half_width_m_ = 100;
-  double agl_m_ = 120;
-  double height_m_ = 0;
+  std::optional<std::string> height_frame_;
+  std::vector<std::string> no_fly_;
+  bool latitude_first_ = false;
   std::filesystem::path out_;
 };
 
 std::string_view MissionImportCommand::details() const {
-  return R"(The single line of the file becomes the route, its first point the take-off; polygons become
-sectors, named after the features. What a drawing does not state is filled in with typical values,
-each on a line that ends with "# check": review them, then run `nadir mission check`.
+  return R"(Reads QGroundControl's .plan, MAVLink waypoints (QGC WPL 110), KML, KMZ, GeoJSON, GeoPackage and
+other vector files. The line becomes the route, polygons become sectors; geofences that exclude, and
+areas named "no-fly…", become no-fly areas. Without a line the mission is an area alone. A file that
+`nadir mission export` wrote gives the same mission again. What a file does not state is filled in
+with typical values, each on a line that ends with "# check": review them, then run
+`nadir mission check`; or it is taken from --mission.
 
 Exit codes: 0 written, 1 the drawing does not give a valid mission; nothing was written, 2 the file
 cannot be read.)";
 }
 
 std::string_view MissionImportCommand::examples() const {
-  return R"(nadir mission import plan.kml --id harbour-a --out mission.yaml
-nadir mission import plan.geojson --id harbour-a --route north --half-width-m 80 --agl-m 150 --out mission.yaml)";
+  return R"(nadir mission import flight.plan --id harbour-a --out mission.yaml
+nadir mission import plan.geojson --id harbour-a --route north --half-width-m 80 --agl-m 150 --out mission.yaml
+nadir mission import moved.waypoints --mission mission.yaml --out moved.yaml)";
 }
 
 void MissionImportCommand::setup(Options& options) {
-  options.positional("FILE.kml|FILE.geojson", file_, "drawing: any vector file that GDAL reads").required();
-  options.value("--id", id_, "ID", "id and series of the mission").required();
-  options.value("--route", route_, "NAME", "name of the line that is the route, if there are several");
-  options.value("--class", class_, "CLASS", "how fast the ground in the sectors changes").one_of({"stable", "active"});
-  options.value("--half-width-m", half_width_m_, "METRES", "half width of the corridor")
+  options.positional("FILE", file_, "plan or drawing").required();
+  options.value("--id", options_.id, "ID", "id and series of the mission; needed without --mission");
+  options.value("--mission", mission_, "MISSION.yaml", "mission that states everything that the file does not");
+  options.value("--route", options_.route, "NAME", "name of the line that is the route, if there are several");
+  options.value("--class", class_, "CLASS", "how fast the ground in new sectors changes").one_of({"stable", "active"});
+  options.values("--no-fly", no_fly_, "NAME", "area that is a no-fly area; may be repeated");
+  options.value("--buffer-m", options_.buffer_m, "METRES", "width that is added around each sector").between(0, 10'000);
+  options
+      .value("--half-width-m", options_.half_width_m, "METRES", "half width of the corridor; 100 if nothing states it")
       .between(1, 10'000)
       .formerly("--half-width");
-  options.value("--agl-m", agl_m_, "METRES", "planned height above ground").between(1, 10'000).formerly("--agl");
-  options.value("--ground-m", height_m_, "METRES", "height of the ground above sea level at the take-off")
+  options.value("--agl-m", options_.agl_m, "METRES", "planned height above ground; 120 if nothing states it")
+      .between(1, 10'000)
+      .formerly("--agl");
+  options.value("--ground-m", options_.ground_m, "METRES", "height of the ground above sea level at the take-off")
       .between(-500, 9000)
       .formerly("--height");
+  options
+      .value("--height-frame", height_frame_, "FRAME", "what the heights of a file that does not say are counted from")
+      .one_of({"above_ground", "above_takeoff", "above_sea_level"});
+  options.flag("--latitude-first", latitude_first_, "the file has latitude and longitude swapped");
   options.value("--out", out_, "MISSION.yaml", "mission file to create; must not exist").required();
 }
 
@@ -126,40 +88,29 @@ int MissionImportCommand::run(Context& context) {
   if (std::filesystem::exists(out_)) {
     throw UsageError({.what = "the file already exists", .where = out_.string(), .fix = "choose another --out"});
   }
-  const VectorFeatures plan = read_vector_features(file_);
-  const VectorFeature& route = choose_route(plan, route_, file_.string());
-  if (route.points.empty()) throw UsageError({.what = "the route has no points", .where = file_.string()});
-  const UtcTime today{context.clock.now().unix_s / kSecondsPerDay * kSecondsPerDay};
-
-  std::string yaml = fmt::format(
-      "schema: nadir.mission/1\nid: {0}\nseries: {0}\nsequence: 1\ncreated: {1}\nexpires: {2}  # check\n"
-      "takeoff: {{lon_deg: {3:.7f}, lat_deg: {4:.7f}}}  # check: the route's first point\n"
-      "terrain: {{mode: flat, height_m: {5}}}  # check\nzoom: {{min: 15, max: 19}}  # check\n"
-      "min_resolution_m: 0.5  # check\nbudget_mb: 500  # check\nfreshness_days: {{stable: 730, active: 90}}  # check\n"
-      "airframes: [any]  # check\n",
-      id_, to_rfc3339(today), to_rfc3339(UtcTime{today.unix_s + 30 * kSecondsPerDay}), route.points.front().lon_deg,
-      route.points.front().lat_deg, height_m_);
-  yaml += plan.areas.empty() ? "sectors: []\n" : "sectors:\n";
-  std::set<std::string> taken;
-  for (const VectorFeature& area : plan.areas) {
-    const std::string id = id_from(area.name, "sector", taken);
-    yaml +=
-        fmt::format("  - id: \"{}\"\n    class: {}  # check\n    polygon: {}\n", id, class_, points_yaml(area.points));
+  options_.sector_class = class_ == "stable" ? SectorClass::stable : SectorClass::active;
+  for (const HeightFrame frame :
+       {HeightFrame::above_ground, HeightFrame::above_takeoff, HeightFrame::above_sea_level}) {
+    if (height_frame_ && *height_frame_ == name_of(frame)) options_.height_frame = frame;
   }
-  yaml += fmt::format("route:\n  corridor_half_width_m: {}  # check\n  agl_m: {}  # check\n  points: {}\n",
-                      half_width_m_, agl_m_, points_yaml(route.points));
-
-  const MissionReading reading = parse_mission(yaml, "the mission from " + file_.string());
-  if (!reading.mission) {
+  options_.no_fly = {no_fly_.begin(), no_fly_.end()};
+  if (mission_) options_.base = read_mission(*mission_);
+  options_.today = context.clock.now();
+  const MissionDrawing drawing = read_mission_drawing(file_, latitude_first_);
+  const ImportedMission imported = mission_from_drawing(drawing, options_, file_.string());
+  if (!imported.reading.mission) {
     if (!context.quiet) context.err << "rejected: nothing was written\n";
-    return report_findings(context.out, false, reading.findings);
+    return report_findings(context.out, false, imported.reading.findings);
   }
-  write_file_atomic(out_, yaml);
-  if (!context.quiet) {
-    context.err << fmt::format("{}: a route of {} and {}; review the lines that end with \"# check\"\n", out_.string(),
-                               count(reading.mission->route.points.size(), "point"),
-                               count(reading.mission->sectors.size(), "sector"));
-  }
+  write_file_atomic(out_, imported.yaml);
+  if (context.quiet) return kAccepted;
+  for (const Finding& note : imported.notes.items()) context.err << to_text(note) << '\n';
+  const Mission& mission = *imported.reading.mission;
+  context.err << fmt::format(
+      "{}: a route of {}{}, {}, {}; review the lines that end with \"# check\"\n", out_.string(),
+      count(mission.route.points.size(), "point"),
+      mission.route.heights_m.empty() ? "" : fmt::format(" with heights ({})", name_of(mission.route.height_frame)),
+      count(mission.sectors.size(), "sector"), count(mission.no_fly.size(), "no-fly area"));
   return kAccepted;
 }
 

@@ -101,7 +101,8 @@ PlanEstimate estimate_plan(const Mission& mission, const FormatFigures& figures)
   for (const Sector& sector : mission.sectors) {
     plan.sectors.push_back({sector.id, sector.cls, std::abs(area_m2(to_plane(frame, sector.polygon))) / 1e6});
   }
-  for (const Corridor& corridor : region.corridors) plan.route_km += length_m(corridor.path) / 1000;
+  const Region corridor_region = corridor_of(mission.route, frame);
+  for (const Corridor& corridor : corridor_region.corridors) plan.route_km += length_m(corridor.path) / 1000;
   const std::vector<ZoomCount> build = count_whole_build(mission);
   for (int zoom = mission.zoom.min; zoom <= mission.zoom.max; ++zoom) {
     const std::vector<TileKey> tiles = required_tiles(mission, zoom);
@@ -115,7 +116,7 @@ PlanEstimate estimate_plan(const Mission& mission, const FormatFigures& figures)
     plan.zooms.push_back(level);
     if (zoom == mission.zoom.max) {
       plan.needed_km2 = area_km2(region, frame, tiles);
-      plan.corridor_km2 = area_km2({{}, region.corridors}, frame, tiles);
+      plan.corridor_km2 = area_km2(corridor_region, frame, tiles);
     }
   }
   plan.cpu_seconds = static_cast<double>(plan.tiles) * figures.cpu_ms_per_tile / 1000;
