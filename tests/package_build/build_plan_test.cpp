@@ -37,7 +37,9 @@ Mission long_route(double lon_deg, double lat_deg) {
   Mission mission;
   mission.takeoff = {11.0, 48.0};
   mission.zoom = {14, 19};
-  mission.route = {60, 120, {{11.0, 48.0}, {11.0 + lon_deg / 3, 48.0 + lat_deg / 2}, {11.0 + lon_deg, 48.0 + lat_deg}}};
+  mission.route.corridor_half_width_m = 60;
+  mission.route.agl_m = 120;
+  mission.route.points = {{11.0, 48.0}, {11.0 + lon_deg / 3, 48.0 + lat_deg / 2}, {11.0 + lon_deg, 48.0 + lat_deg}};
   return mission;
 }
 
