@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <csignal>
+#include <ctime>
 #include <fstream>
 #include <set>
 #include <sstream>
@@ -484,6 +485,20 @@ TEST(FullDisk, ABatchIsStoredWhollyOrNotAtAll) {
   EXPECT_EQ(store->read_picture(stored + 2), last.back().bytes);
 }
 
+// Its CPU time, so that a busy machine does not kill it before it has begun; or a second of waiting for the disk.
+void kill_after(pid_t child, std::chrono::microseconds work) {
+  clockid_t clock{};
+  ASSERT_EQ(::clock_getcpuclockid(child, &clock), 0);
+  std::chrono::nanoseconds used{0};
+  for (timespec spent{}; used < work && ::clock_gettime(clock, &spent) == 0;) {
+    const auto now = std::chrono::seconds(spent.tv_sec) + std::chrono::nanoseconds(spent.tv_nsec);
+    if (now == used && ::waitpid(child, nullptr, WNOHANG | WNOWAIT) != 0) break;
+    used = now;
+    std::this_thread::sleep_for(std::chrono::microseconds(200));
+  }
+  ::kill(child, SIGKILL);
+}
+
 // A process that stores batches and is killed at random moments; what it said to be stored is.
 TEST(KilledIntake, LosesNothingThatWasAccepted) {
   const TemporaryFolder temporary;
@@ -499,8 +514,7 @@ TEST(KilledIntake, LosesNothingThatWasAccepted) {
       ::execl(program.c_str(), program.c_str(), where.c_str(), "accept", nullptr);
       ::_exit(4);
     }
-    std::this_thread::sleep_for(std::chrono::microseconds(random.integer(5'000, 120'000)));
-    ::kill(child, SIGKILL);
+    kill_after(child, std::chrono::microseconds(random.integer(5'000, 120'000)));
     int status = 0;
     ::waitpid(child, &status, 0);
     ASSERT_TRUE(WIFSIGNALED(status)) << "it ended by itself: " << status;

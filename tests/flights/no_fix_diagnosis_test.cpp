@@ -46,6 +46,7 @@ struct WronglyStated {
     for (std::size_t i = 0; i < images.size(); ++i) {
       images[i] = photograph(elsewhere.ground(), camera.camera, moments[i].truth);
     }
+    flight.area = PlaneBox{-150, -150, 90, 90};  // a quarter of the map, around the start: all of it is searched
   }
   std::optional<NoFixDiagnosis> diagnosis() const {
     return diagnose_no_fix(flight, {.elapsed_s = [] { return 0.0; }});
