@@ -83,13 +83,16 @@ class HoledMap final : public TileSource {
 
 struct Figures {
   std::vector<double> errors_m;
-  std::size_t frames = 0, within_20 = 0, judged = 0;  // judged: pictures of another place not counted
-  double nees = 0, own_nees = 0;  // of the stated covariance, and without the map's own error; 2 is right
+  std::size_t frames = 0, within_20 = 0;
+  double nees = 0;      // of the stated covariance; 2 is right
+  double own_nees = 0;  // of the covariance without the map's own error, and without the offset that all frames share
+  Eigen::Vector2d offset_m = Eigen::Vector2d::Zero();  // … their mean error
 };
 
 Figures figures(const std::vector<Estimate>& estimates, const std::vector<FlightPose>& truth,
                 const std::vector<bool>& outlier, const std::vector<SmoothedFrame>& smoothed) {
   Figures result;
+  std::vector<std::pair<std::size_t, Eigen::Vector2d>> judged;
   for (std::size_t i = 0; i < estimates.size(); ++i) {
     ++result.frames;
     if (!estimates[i].position) continue;
@@ -97,13 +100,16 @@ Figures figures(const std::vector<Estimate>& estimates, const std::vector<Flight
         frame().plane_from_lonlat(*estimates[i].position).vector() - truth[i].position.head<2>();
     result.errors_m.push_back(off.norm());
     result.within_20 += off.norm() < 20 ? 1U : 0U;
-    if (outlier[i]) continue;
-    ++result.judged;
-    result.nees += off.dot(estimates[i].covariance_m2.inverse() * off);
-    const Eigen::Matrix2d own_m2 = estimates[i].covariance_m2 - smoothed[i].shared_m2;
-    if (own_m2.determinant() > 0) result.own_nees += off.dot(own_m2.inverse() * off);
+    if (!outlier[i]) judged.emplace_back(i, off);
   }
-  result.nees /= static_cast<double>(result.judged), result.own_nees /= static_cast<double>(result.judged);
+  const auto count = static_cast<double>(judged.size());
+  for (const auto& [i, off] : judged) result.offset_m += off / count;
+  for (const auto& [i, off] : judged) {
+    result.nees += off.dot(estimates[i].covariance_m2.inverse() * off) / count;
+    const Eigen::Matrix2d own_m2 = estimates[i].covariance_m2 - smoothed[i].shared_m2;
+    const Eigen::Vector2d own = off - result.offset_m;
+    if (own_m2.determinant() > 0) result.own_nees += own.dot(own_m2.inverse() * own) / count;
+  }
   return result;
 }
 
@@ -117,6 +123,7 @@ nlohmann::json json_from(const Figures& f) {
           {"max_m", quantile(f.errors_m, 1)},
           {"within_20_m_share", static_cast<double>(f.within_20) / static_cast<double>(f.frames)},
           {"nees", f.nees},
+          {"offset_m", {f.offset_m.x(), f.offset_m.y()}},
           {"nees_without_map_error", f.own_nees}};
 }
 

@@ -1,0 +1,31 @@
+#!/usr/bin/env python3
+"""A simulated flight of 160 frames, adjusted as a whole: sharp turns without pictures, five pictures of another place, a
+fifth of each leg without a map. No person helps.
+
+usage: simulated_flight_test.py PATH_TO_BENCH_ADJUSTED_FLIGHT
+"""
+import json
+import pathlib
+import subprocess
+import sys
+import unittest
+
+
+class SimulatedFlight(unittest.TestCase):
+    def test_is_placed_as_a_whole(self):
+        run = subprocess.run([PROGRAM, "6", "160"], capture_output=True, text=True, check=True)
+        flight = json.loads(run.stdout)
+        adjusted, block = flight["adjusted"], flight["adjustment"]
+        self.assertEqual(adjusted["positions"], 160, "each frame has a place")
+        self.assertGreaterEqual(adjusted["within_20_m_share"], 0.95, adjusted)
+        self.assertLess(adjusted["rms_m"], flight["online"]["rms_m"])
+        self.assertLess(block["mean_reprojection_px"], 1)
+        self.assertEqual(block["outcome"], "converged")
+        self.assertLess(adjusted["nees"], 2.2, "the stated covariance has room for the map's error")
+        self.assertLess(adjusted["nees_without_map_error"], 5, "one flight: about 2 on average")
+        self.assertGreaterEqual(adjusted["nees_without_map_error"], 0.4)
+
+
+if __name__ == "__main__":
+    PROGRAM = pathlib.Path(sys.argv.pop(1)).resolve()
+    unittest.main()
