@@ -386,9 +386,8 @@ void LiveFlight::work(const std::stop_token& stop, std::unique_ptr<FlightEngine>
     complete = completion_requested_ && store_->processed() == store_->accepted();
     if (complete) activity_ = FlightActivity::completing;
   }
-  const auto scope = complete ? SegmentPlacer::Scope::all : SegmentPlacer::Scope::closed;
   const auto let_others = [&slot] { slot.let_others(); };
-  if (!place_segments(scope, *engine, let_others, stop) || !complete) return;
+  if (!place_segments(*engine, let_others, stop) || !complete) return;
   engine->complete();
   ++changes_;
   const auto interrupted = [&] {
@@ -409,15 +408,15 @@ void LiveFlight::work(const std::stop_token& stop, std::unique_ptr<FlightEngine>
   completed_ = true;
 }
 
-bool LiveFlight::place_segments(SegmentPlacer::Scope scope, FlightEngine& engine,
-                                const std::function<void()>& let_others, const std::stop_token& stop) {
+bool LiveFlight::place_segments(FlightEngine& engine, const std::function<void()>& let_others,
+                                const std::stop_token& stop) {
   const Cancel cancel([&stop] { return stop.stop_requested(); });
   std::uint64_t arrivals = 0;
   {
     const std::lock_guard lock(mutex_);
     arrivals = arrivals_;
   }
-  while (engine.place_segments(scope, kOneStep_s, cancel)) {
+  while (engine.place_segments(SegmentPlacer::Scope::all, kOneStep_s, cancel)) {
     ++changes_;
     let_others();
     const std::lock_guard lock(mutex_);

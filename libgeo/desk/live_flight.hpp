@@ -115,9 +115,9 @@ class LiveFlight {
   void watch(AnchorVerdict verdict, const std::stop_token& stop);  // of a frame that was processed
   std::string diagnose(const std::stop_token& stop) const;
   void keep_diagnosis(std::string text);
-  // Floating segments, search by search and look by look; false: something else is to be done first.
-  bool place_segments(SegmentPlacer::Scope scope, FlightEngine& engine, const std::function<void()>& let_others,
-                      const std::stop_token& stop);
+  // All floating segments, also one that more pictures may continue; search by search and look by look. False:
+  // something else is to be done first.
+  bool place_segments(FlightEngine& engine, const std::function<void()>& let_others, const std::stop_token& stop);
   void wake();
   bool has_work() const;  // `mutex_` held
   bool has_map() const { return !store_->description().package.empty(); }

@@ -5,6 +5,7 @@ usage: desk_serve_test.py NADIR
 """
 import csv
 import io
+import math
 import pathlib
 import random
 import sys
@@ -58,6 +59,33 @@ class DeskServe(support.EndToEnd):
         for image in (f"looks/{anchored[0]}/seen", f"looks/{anchored[0]}/map", "pictures/0?preview=true"):
             status, headers, data = desk.call("GET", f"{flight}/{image}")
             self.assertEqual((200, "image/jpeg", b"\xff\xd8"), (status, headers["Content-Type"], data[:2]), image)
+        self.assertEqual(0, desk.stop())
+
+    def test_a_flight_whose_start_is_wrong_is_placed_as_a_whole_and_taken_back(self):
+        desk = self.desk().start()
+        truth = list(csv.DictReader(io.StringIO((desk.made / "flight" / "truth.csv").read_text())))
+        start = {"lat": float(truth[0]["lat_deg"]) + 0.05, "lon": float(truth[0]["lon_deg"])}  # 5.6 km off
+        flight = desk.create(package="valley", start=start)
+        desk.send(flight, desk.frames())
+        document = desk.settled(flight)  # nobody has completed it: more pictures may come
+        self.assertIn("is the start wrong?", document["diagnosis"])
+        segments = desk.json("GET", flight + "/segments", expect=200)["segments"]
+        self.assertEqual([("merged", 0, FRAMES - 1)], [(s["state"], s["first_frame"], s["last_frame"]) for s in segments])
+        merged = [data for _, kind, data in desk.events(flight, until=document["last_event"]) if kind == "segments_merged"]
+        self.assertEqual([("map", FRAMES)], [(data["by"], data["frames"]) for data in merged])
+        for estimate, true in zip(desk.json("GET", flight + "/estimates?kind=refined", expect=200)["estimates"], truth):
+            place = estimate["position"]
+            north_m = (place["lat"] - float(true["lat_deg"])) * 111_200
+            east_m = (place["lon"] - float(true["lon_deg"])) * 111_200 * 0.66
+            self.assertLess(math.hypot(east_m, north_m), 20, estimate)
+        desk.json("DELETE", flight + "/segments/0/merge", expect=200)
+        desk.kill()
+        desk.start()
+        desk.send(flight, desk.frames())  # known, all of them; the flight is looked at again
+        desk.settled(flight)
+        self.assertEqual("floating", desk.json("GET", flight + "/segments", expect=200)["segments"][0]["state"], "for ever")
+        refined = desk.json("GET", flight + "/estimates?kind=refined", expect=200)["estimates"]
+        self.assertNotIn("satellite_anchored", [estimate["source"] for estimate in refined], "where the start says, with its doubt")
         self.assertEqual(0, desk.stop())
 
     def test_a_kill_while_a_flight_is_adjusted_leaves_the_wish_to_complete_it(self):
