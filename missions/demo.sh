@@ -84,8 +84,8 @@ sed -e "s/^sequence: .*/sequence: 2/" -e "s/^created: .*/created: $(date -u -d "
 echo_and_run $nadir cache build --mission $out/next.yaml --imagery $out/promoted/*.tif --imagery $out/world/map.tif --dem $out/world/dem.tif \
   --key $out/signer.key.pem --out $out/next
 echo_and_run $nadir cache verify $out/next --trust $out/root.json --depth full --at "$(date -u -d "$created + 3 day" +%FT%TZ)"
-printf '  $ %s\n' "$nadir cache diff $out/package $out/next | tail -n 1"
-{ $nadir cache diff $out/package $out/next || [[ $? == 1 ]]; } | tail -n 1
+printf '  $ %s\n' "$nadir cache diff $out/package $out/next | head -n 1"
+{ $nadir cache diff $out/package $out/next || [[ $? == 1 ]]; } | head -n 1
 
 say "10  Live, in real time: an aircraft that navigates by nadird's positions. GPS is spoofed after a minute, then the camera goes dark"
 judged=0

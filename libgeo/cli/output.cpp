@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
@@ -24,13 +25,24 @@ nlohmann::json json_from(const Findings& findings) {
   return {{"accepted", !findings.has_errors()}, {"findings", std::move(items)}};
 }
 
+namespace {
+
+constexpr std::size_t kShownOfKind = 5;  // findings of one code and severity that are printed one by one
+
+}  // namespace
+
 void print_findings(std::ostream& out, const Findings& findings) {
   std::size_t counts[3] = {};
+  std::map<std::pair<Severity, std::string>, std::size_t> kinds;
   for (const Severity severity : {Severity::error, Severity::warning, Severity::note}) {
     for (const Finding& finding : findings.items()) {
       if (finding.severity != severity) continue;
       ++counts[static_cast<std::size_t>(severity)];
-      out << to_text(finding) << '\n';
+      if (++kinds[{severity, finding.code}] <= kShownOfKind) out << to_text(finding) << '\n';
+    }
+    for (const auto& [kind, number] : kinds) {
+      if (kind.first != severity || number <= kShownOfKind) continue;
+      out << fmt::format("{}: {} more like these; --json lists all\n", kind.second, number - kShownOfKind);
     }
   }
   const std::size_t errors = counts[static_cast<std::size_t>(Severity::error)];

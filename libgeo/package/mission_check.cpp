@@ -140,13 +140,75 @@ Findings check_resolution(const Mission& mission, std::span<const Sidecar> tiles
   return findings;
 }
 
-Findings check_budget(const Mission& mission, std::uint64_t package_bytes) {
+Findings check_present_expiry(const Mission& mission, UtcTime now) {
+  Findings findings;
+  if (now >= mission.expires) {
+    findings.add({.code = "package.expired",
+                  .severity = Severity::warning,
+                  .where = "mission.expires",
+                  .expected = "later than now (" + to_rfc3339(now) + "): aircraft reject an expired package",
+                  .found = to_rfc3339(mission.expires),
+                  .fix = "give the mission a later date"});
+  }
+  return findings;
+}
+
+Findings check_plausibility(const Mission& mission) {
+  constexpr double kMetresPerFoot = 0.3048;
+  constexpr double kUsualCeiling_m = 300;  // few small aircraft photograph from above; 400 and 500 are usual in feet
+  Findings findings;
+  const Route& route = mission.route;
+  double highest_m = route.agl_m;
+  if (route.height_frame != HeightFrame::above_sea_level) {
+    for (const double height_m : route.heights_m) highest_m = std::max(highest_m, height_m);
+  }
+  if (highest_m >= kUsualCeiling_m) {
+    findings.add({.code = "mission.height",
+                  .severity = Severity::note,
+                  .where = "route",
+                  .expected = "heights in metres",
+                  .found = fmt::format("{:g} m, which is {:.0f} ft", highest_m, highest_m / kMetresPerFoot),
+                  .fix = fmt::format("if these are feet, write {:.0f}", highest_m * kMetresPerFoot)});
+  }
+  const LocalFrame frame = mission_frame(mission);
+  const PlanePath path = to_plane(frame, route.points);
+  for (const NoFlyArea& area : mission.no_fly) {
+    bool enters = false;
+    if (area.polygon.empty()) {
+      enters = path.size() > 1 && distance_to_path_m(path, frame.plane_from_lonlat(area.centre)) < area.radius_m;
+    } else {
+      const PlaneRing ring = to_plane(frame, area.polygon);
+      constexpr double kStep_m = 5;
+      for (std::size_t i = 1; i < path.size() && !enters; ++i) {
+        const double leg_m = distance_m(path[i - 1], path[i]);
+        const int steps = std::max(1, static_cast<int>(std::ceil(leg_m / kStep_m)));
+        for (int k = 0; k <= steps && !enters; ++k) {
+          enters = contains(ring, path[i - 1] + static_cast<double>(k) / steps * (path[i] - path[i - 1]));
+        }
+      }
+    }
+    if (!enters) continue;
+    findings.add({.code = "mission.no_fly",
+                  .severity = Severity::warning,
+                  .where = "route",
+                  .expected = "a route that stays out of no-fly areas",
+                  .found = "it enters " + area.id,
+                  .fix = "move the route, or remove the area"});
+  }
+  return findings;
+}
+
+Findings check_budget(const Mission& mission, std::uint64_t package_bytes,
+                      std::optional<std::uint64_t> expected_bytes) {
   Findings findings;
   if (package_bytes > static_cast<std::uint64_t>(mission.budget_mb) * 1'000'000) {
     findings.add({.code = "budget.exceeded",
                   .where = "the package",
                   .expected = fmt::format("at most {} MB", mission.budget_mb),
-                  .found = fmt::format("{:.1f} MB", static_cast<double>(package_bytes) / 1e6),
+                  .found = expected_bytes ? fmt::format("at least {:.1f} MB, about {:.1f} MB expected",
+                                                        static_cast<double>(package_bytes) / 1e6,
+                                                        static_cast<double>(*expected_bytes) / 1e6)
+                                          : fmt::format("{:.1f} MB", static_cast<double>(package_bytes) / 1e6),
                   .fix = "lower the quality or zoom.max, reduce the area, or raise budget_mb"});
   }
   return findings;

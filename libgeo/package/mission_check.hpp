@@ -33,7 +33,16 @@ Findings check_freshness(const Mission& mission, std::span<const Sidecar> tiles,
 Findings check_resolution(const Mission& mission, std::span<const Sidecar> tiles);
 
 // "budget.exceeded": budget_mb is in units of 10^6 bytes, for the whole package.
-Findings check_budget(const Mission& mission, std::uint64_t package_bytes);
+// expected_bytes: of a build that was given up; package_bytes is then the least that it would have.
+Findings check_budget(const Mission& mission, std::uint64_t package_bytes,
+                      std::optional<std::uint64_t> expected_bytes = {});
+
+// "package.expired", a warning for planners: aircraft would refuse the package today.
+Findings check_present_expiry(const Mission& mission, UtcTime now);
+
+// "mission.height", a note: heights that are usual in feet and unusual in metres. "mission.no_fly", a warning: the
+// route enters a no-fly area.
+Findings check_plausibility(const Mission& mission);
 
 // All four.
 Findings check_tile_requirements(const Mission& mission, std::span<const Sidecar> tiles, std::uint64_t package_bytes,

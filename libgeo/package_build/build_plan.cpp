@@ -1,5 +1,7 @@
 #include "package_build/build_plan.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <opencv2/core.hpp>
@@ -37,6 +39,14 @@ PixelBox box_of(const std::vector<MercatorXY>& outline, int zoom) {
   PixelBox box;
   for (const MercatorXY& point : outline) box.add(pixel_from_mercator(point, zoom));
   return box;
+}
+
+double great_circle_m(LonLat a, LonLat b) {
+  constexpr double kMeanRadius_m = 6'371'000;
+  const double lat = radians(b.lat_deg - a.lat_deg) / 2, lon = radians(b.lon_deg - a.lon_deg) / 2;
+  const double h = std::sin(lat) * std::sin(lat) +
+                   std::cos(radians(a.lat_deg)) * std::cos(radians(b.lat_deg)) * std::sin(lon) * std::sin(lon);
+  return 2 * kMeanRadius_m * std::asin(std::min(1.0, std::sqrt(h)));
 }
 
 // The part of the tile inside the outline: 256 x 256, 255 inside.
@@ -108,6 +118,46 @@ TileRange plan_range(const Mission& mission, std::span<const ImageryInput> input
     imagery.add({box.right, box.bottom});
   }
   return common_range(wanted, imagery, zoom);
+}
+
+Findings check_place(const Mission& mission, std::span<const ImageryInput> inputs) {
+  Findings findings;
+  const LocalFrame frame = mission_frame(mission);
+  const LonLat middle = frame.lonlat_from_plane(required_region(mission, frame).bounds().middle());
+  LonLatBox covered{180, 90, -180, -90};
+  double nearest_m = INFINITY, exchanged_m = INFINITY;
+  for (const ImageryInput& input : inputs) {
+    LonLatBox box{180, 90, -180, -90};
+    for (const MercatorXY& point : input.outline) {
+      const LonLat at = lonlat_from_mercator(point);
+      box.west_deg = std::min(box.west_deg, at.lon_deg), box.east_deg = std::max(box.east_deg, at.lon_deg);
+      box.south_deg = std::min(box.south_deg, at.lat_deg), box.north_deg = std::max(box.north_deg, at.lat_deg);
+    }
+    const auto away_m = [&](LonLat from) {
+      const LonLat nearest{std::clamp(from.lon_deg, box.west_deg, box.east_deg),
+                           std::clamp(from.lat_deg, box.south_deg, box.north_deg)};
+      return great_circle_m(from, nearest);
+    };
+    nearest_m = std::min(nearest_m, away_m(middle));
+    exchanged_m = std::min(exchanged_m, away_m({middle.lat_deg, middle.lon_deg}));
+    covered.west_deg = std::min(covered.west_deg, box.west_deg),
+    covered.east_deg = std::max(covered.east_deg, box.east_deg);
+    covered.south_deg = std::min(covered.south_deg, box.south_deg);
+    covered.north_deg = std::max(covered.north_deg, box.north_deg);
+  }
+  if (inputs.empty() || nearest_m < kMargin_m) return findings;
+  const bool swapped = exchanged_m < nearest_m / 10 && std::abs(middle.lon_deg) <= 90;
+  findings.add(
+      {.code = "coverage.elsewhere",
+       .where = fmt::format("the mission, near {:.5f},{:.5f}", middle.lon_deg, middle.lat_deg),
+       .expected = fmt::format("imagery of this place; it covers {:.5f},{:.5f} to {:.5f},{:.5f}", covered.west_deg,
+                               covered.south_deg, covered.east_deg, covered.north_deg),
+       .found = fmt::format("the mission lies {:.0f} km away{}", nearest_m / 1000,
+                            swapped ? ": latitude and longitude swapped?" : ""),
+       .fix = swapped
+                  ? "write longitude first, then latitude; `mission import --latitude-first` reads a swapped drawing"
+                  : "give the imagery of the mission's area"});
+  return findings;
 }
 
 std::vector<Sidecar> plan_sidecars(const Mission& mission, std::span<const ImageryInput> inputs,

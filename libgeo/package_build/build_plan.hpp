@@ -33,6 +33,10 @@ inline constexpr double kMargin_m = 250.0;
 TileRange wanted_range(const Mission& mission);  // if imagery covered everything
 TileRange plan_range(const Mission& mission, std::span<const ImageryInput> inputs);
 
+// "coverage.elsewhere": no raster lies near the mission. One finding, which says how far away it lies, and whether it
+// would fit with longitude and latitude exchanged.
+Findings check_place(const Mission& mission, std::span<const ImageryInput> inputs);
+
 // The sidecars of the tiles that the mission requires, as they would be if every pixel inside the outlines were valid.
 // Errors that they show are reported before any work. Digests are missing.
 std::vector<Sidecar> plan_sidecars(const Mission& mission, std::span<const ImageryInput> inputs,

@@ -154,7 +154,9 @@ Findings check_plan(const Mission& mission, const std::vector<ImageryInput>& inp
                     UtcTime at) {
   const std::vector<Sidecar> planned = plan_sidecars(mission, inputs, range);
   Findings findings = check_expiry(mission, at);
-  findings.add(check_coverage(mission, planned));
+  findings.add(check_stated_resolution(inputs));
+  const Findings elsewhere = planned.empty() ? check_place(mission, inputs) : Findings();
+  findings.add(elsewhere.empty() ? check_coverage(mission, planned) : elsewhere);
   findings.add(check_freshness(mission, planned, at));
   findings.add(check_resolution(mission, planned));
   return findings;
@@ -194,7 +196,7 @@ void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journa
   fs::create_directories(tiles.parent_path());
   const TileSet set = build_tile_set(mission, inputs, range, request.tiles, tiles, journal, progress);
   if (set.over_budget) {
-    report.findings = check_budget(mission, set.tile_bytes);
+    report.findings = check_budget(mission, set.tile_bytes, set.expected_bytes);
     return;
   }
   progress.begin("completing the package", 3, "steps");
@@ -205,6 +207,7 @@ void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journa
   report.merkle_root = set.facts.merkle_root;
   report.bytes = package_size(folder);
   report.findings = check_expiry(mission, at);
+  if (request.now) report.findings.add(check_present_expiry(mission, *request.now));
   report.findings.add(check_tile_requirements(mission, set.sidecars, report.bytes, at));
 }
 
@@ -223,6 +226,7 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
   PackageReport report;
   report.zoom = mission.zoom;
   report.findings = check_plan(mission, inputs, range, at);
+  if (request.now) report.findings.add(check_present_expiry(mission, *request.now));
   const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, request.dem, report.findings);
   if (report.findings.has_errors()) return report;
 

@@ -36,6 +36,7 @@ struct PackageRequest {
   const PrivateKey* key = nullptr;  // null: unsigned
   RootChain roots;                  // newer roots of trust that travel with the package
   std::optional<UtcTime> at;        // time of evaluation; the mission's `created` by default
+  std::optional<UtcTime> now{};     // the present, for a warning about a mission that has expired
   std::filesystem::path out;
   std::string program;                                            // its version, which the result depends on
   bool resume = false;                                            // continue an interrupted build

@@ -154,6 +154,7 @@ TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inp
 
   std::size_t done = 0;       // metatiles from the journal
   std::uint64_t resumed = 0;  // tiles of the finest zoom in them
+  std::size_t taken = 0;      // metatiles, from there and made
   progress.begin("making tiles", tops.empty() ? 0 : count_tiles(tops, range, range.zoom).back().tiles, "tiles");
   const auto make_worker = [&]() -> std::function<Metatile(std::size_t)> {
     auto sources = std::make_shared<std::vector<RasterSource>>();
@@ -170,6 +171,7 @@ TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inp
     }
     overviews.add(tops[item], metatile.top);
     progress.advance(finest);
+    ++taken;
     return finest;
   };
   while (const auto record = journal.next()) {
@@ -192,6 +194,7 @@ TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inp
   progress.end();
   TileSet set = writer.finish(range, options.encoding.format);
   set.resumed = resumed;
+  if (set.over_budget && taken > 0) set.expected_bytes = set.tile_bytes * tops.size() / taken;
   return set;
 }
 

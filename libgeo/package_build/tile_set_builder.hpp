@@ -37,8 +37,9 @@ struct TileSet {
   std::vector<Sidecar> sidecars;  // in the order of TileKey
   TileSetFacts facts;
   std::uint64_t tile_bytes = 0;
-  std::uint64_t resumed = 0;  // tiles of the finest zoom that the journal held
-  bool over_budget = false;   // aborted: the tiles alone exceed the mission's budget
+  std::uint64_t resumed = 0;                      // tiles of the finest zoom that the journal held
+  bool over_budget = false;                       // aborted: the tiles alone exceed the mission's budget
+  std::optional<std::uint64_t> expected_bytes{};  // over budget: of all tiles, as large as those that were made
 };
 
 // Metatiles that the journal holds are taken from there; the others are appended to it before anything else is done

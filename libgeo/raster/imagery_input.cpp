@@ -146,6 +146,23 @@ void set_facts(Sidecar& sidecar, std::span<const ImageryInput> inputs, const Inp
   sidecar.source = fmt::format("{}", fmt::join(names, kBetweenNames));
 }
 
+Findings check_stated_resolution(std::span<const ImageryInput> inputs) {
+  constexpr double kFinestShare = 0.6;       // of a pixel: rasters are resampled to somewhat larger pixels ...
+  constexpr double kImpossibleShare = 0.25;  // ... not to far larger ones
+  Findings findings;
+  for (const ImageryInput& input : inputs) {
+    const double gsd_m = input.facts.gsd_m;
+    if (!(input.pixel_m > 0) || gsd_m >= kFinestShare * input.pixel_m) continue;
+    findings.add({.code = "resolution.implausible",
+                  .severity = gsd_m < kImpossibleShare * input.pixel_m ? Severity::error : Severity::warning,
+                  .where = input.path.string(),
+                  .expected = fmt::format("about {:.3g} m on the ground: the raster's pixels", input.pixel_m),
+                  .found = fmt::format("{:.3g} m stated", gsd_m),
+                  .fix = "state the true one: --gsd-m, or gsd in the STAC Item"});
+  }
+  return findings;
+}
+
 std::vector<ImageryInput> open_imagery(std::span<const std::filesystem::path> paths, const ImageryOverrides& overrides,
                                        std::span<const StretchRequest> stretches) {
   if (stretches.size() > 1 && stretches.size() != paths.size()) {
@@ -162,6 +179,7 @@ std::vector<ImageryInput> open_imagery(std::span<const std::filesystem::path> pa
     const RasterSource source(paths[i], stretch);
     ImageryInput input{paths[i], read_imagery_facts(paths[i], overrides), source.outline()};
     input.stretch = stretch;
+    input.pixel_m = source.pixel_m();
     if (stretch) input.facts.provider += fmt::format(" ({})", to_text(*stretch));
     inputs.push_back(std::move(input));
   }

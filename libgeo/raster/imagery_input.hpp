@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "base/error.hpp"
 #include "base/time.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package/sidecar.hpp"
@@ -46,7 +47,11 @@ struct ImageryInput {
   std::vector<MercatorXY> outline;  // RasterSource::outline()
   TileTrust trust = TileTrust::service;
   std::optional<Stretch> stretch{};  // of a raster that is not 8 bit
+  double pixel_m = 0;                // side of a pixel on the ground, as the file is georeferenced; 0: not known
 };
+
+// "resolution.implausible": a stated ground sample distance that is much finer than the raster's pixels.
+Findings check_stated_resolution(std::span<const ImageryInput> inputs);
 
 // In the given order. stretches: none, one for all, or one for each. Throws Error for a raster that does not open,
 // UsageError when a fact or a stretch is missing. The stretch is appended to the provider, which every tile names as

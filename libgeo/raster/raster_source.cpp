@@ -237,6 +237,21 @@ RasterSource::RasterSource(RasterSource&&) noexcept = default;
 RasterSource& RasterSource::operator=(RasterSource&&) noexcept = default;
 
 const std::vector<MercatorXY>& RasterSource::outline() const { return impl_->outline; }
+
+double RasterSource::pixel_m() const {
+  const std::vector<MercatorXY>& ring = impl_->outline;
+  double doubled_m2 = 0, middle_m = 0;
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    const MercatorXY& a = ring[i];
+    const MercatorXY& b = ring[(i + 1) % ring.size()];
+    doubled_m2 += a.x_m * b.y_m - b.x_m * a.y_m;
+    middle_m += a.y_m / static_cast<double>(ring.size());
+  }
+  // The map is larger than the ground by the secant of the latitude, which is cosh(y / R).
+  const double scale = std::cosh(middle_m / kMercatorRadius_m);
+  const double pixels = static_cast<double>(impl_->dataset.size().width) * impl_->dataset.size().height;
+  return std::sqrt(std::abs(doubled_m2) / 2 / pixels) / scale;
+}
 const std::filesystem::path& RasterSource::path() const { return impl_->dataset.path(); }
 
 MaskedImage RasterSource::read(int zoom, const cv::Rect& pixels) {

@@ -33,6 +33,9 @@ class RasterSource {
   // its edges.
   const std::vector<MercatorXY>& outline() const;
 
+  // Side of a pixel on the ground, on average over the raster.
+  double pixel_m() const;
+
   // The given rectangle of global pixels of a zoom. Pixels outside of the raster have mask 0. Throws Error for parts of
   // the file that cannot be read.
   MaskedImage read(int zoom, const cv::Rect& pixels);

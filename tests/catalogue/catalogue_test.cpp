@@ -80,6 +80,22 @@ TEST_F(CatalogueCommands, GdalReadsEveryLayer) {
   }
 }
 
+TEST_F(CatalogueCommands, ViewsShowSeriesSequenceAndWhatIsCurrent) {
+  ASSERT_EQ(add(make(3, "old")), 0) << err_.str();
+  ASSERT_EQ(add(make(4, "new")), 0) << err_.str();
+  EXPECT_EQ(sql("SELECT series, sequence, current FROM package_states ORDER BY sequence"), "village|3|0\nvillage|4|1");
+  EXPECT_EQ(
+      sql("SELECT count(*) FROM finest_tiles WHERE current = 1"),
+      sql("SELECT count(*) FROM tiles t JOIN packages p ON p.id = t.package_id WHERE p.sequence = 4 AND t.z = 18"));
+  EXPECT_EQ(sql("SELECT DISTINCT gsd_m || ' ' || valid_percent FROM finest_tiles"),
+            sql("SELECT DISTINCT (gsd_mm / 1000.0) || ' ' || (valid_ppm / 10000.0) FROM tiles"));
+  for (const char* view : {"package_states", "finest_tiles", "source_states"}) {
+    const auto info = test::run_process({"ogrinfo", "-so", "-ro", file(), view});
+    EXPECT_EQ(info.code, 0) << info.err;
+    EXPECT_NE(info.out.find("Polygon"), std::string::npos) << view << info.out;
+  }
+}
+
 TEST_F(CatalogueCommands, SpatialiteRunsSpatialQueries) {
   ASSERT_EQ(add(make(3, "package")), 0) << err_.str();
   EXPECT_EQ(sql("PRAGMA integrity_check"), "ok");

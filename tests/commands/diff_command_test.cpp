@@ -74,6 +74,22 @@ TEST_F(CacheDiff, NamesAddedRemovedAndChangedTilesWithTheirDigests) {
   EXPECT_EQ(back["changed"][0]["before"], found["changed"][0]["after"]);
 }
 
+TEST_F(CacheDiff, TheSummaryComesFirstAndTheMapOfChangesIsGeoJson) {
+  const fs::path a = maker_.make(folder_, "a");
+  maker_.edit_tile = [](Sidecar& sidecar, Bytes&) { return sidecar.key.z != 18; };
+  const fs::path b = maker_.make(folder_, "b");
+  EXPECT_EQ(run({"cache", "diff", a.string(), b.string(), "--geojson", path("diff.geojson")}), 1);
+  EXPECT_TRUE(out_.str().starts_with("different: 0 tiles added")) << out_.str();
+  EXPECT_NE(out_.str().find("zoom 18:"), std::string::npos) << out_.str();
+  EXPECT_EQ(out_.str().find("- tile 18/"), std::string::npos) << "tiles are listed on request";
+  const json map = json::parse(read_text_file(path("diff.geojson")));
+  ASSERT_FALSE(map["features"].empty());
+  EXPECT_EQ(map["features"][0]["properties"]["change"], "removed");
+  EXPECT_EQ(test::run_process({"ogrinfo", "-so", "-al", path("diff.geojson")}).code, 0);
+  EXPECT_EQ(run({"cache", "diff", a.string(), b.string(), "--list"}), 1);
+  EXPECT_NE(out_.str().find("- tile 18/"), std::string::npos);
+}
+
 TEST_F(CacheDiff, ComparesManifestsAndSidecars) {
   const fs::path a = maker_.make(folder_, "a");
   maker_.mission = test::mission_yaml({{"sequence: 3", "sequence: 4"}});

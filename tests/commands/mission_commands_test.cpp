@@ -100,7 +100,8 @@ TEST_F(MissionImport, WritesNothingForAnInvalidMission) {
 }
 
 TEST_F(MissionImport, AnAreaAloneWithABufferIsAMission) {
-  ASSERT_EQ(import(folder_.write("area.geojson", collection({kArea})).string(), {"--buffer-m", "150"}), 0) << err_.str();
+  ASSERT_EQ(import(folder_.write("area.geojson", collection({kArea})).string(), {"--buffer-m", "150"}), 0)
+      << err_.str();
   const Mission mission = read_mission(path("m.yaml"));
   EXPECT_TRUE(mission.route.points.empty());
   ASSERT_EQ(mission.sectors.size(), 1U);
@@ -108,11 +109,14 @@ TEST_F(MissionImport, AnAreaAloneWithABufferIsAMission) {
   ASSERT_EQ(run({"mission", "plan", path("m.yaml"), "--json"}), 0) << err_.str();
   const auto plan = nlohmann::json::parse(out_.str());
   // 149 x 222 m, 150 m around it, with round corners.
-  EXPECT_NEAR(plan["needed_km2"].get<double>(), (149.2 * 222.4 + 2 * 150 * (149.2 + 222.4) + M_PI * 150 * 150) / 1e6, 0.003);
+  EXPECT_NEAR(plan["needed_km2"].get<double>(), (149.2 * 222.4 + 2 * 150 * (149.2 + 222.4) + M_PI * 150 * 150) / 1e6,
+              0.003);
 }
 
 TEST_F(MissionImport, ExportGoesOutAndComesBack) {
-  folder_.write("mission.yaml", test::mission_yaml({{"points: [[11.0000", "heights: {frame: above_sea_level, m: [510, 620.25]}\n  points: [[11.0000"}}));
+  folder_.write("mission.yaml",
+                test::mission_yaml({{"points: [[11.0000",
+                                     "heights: {frame: above_sea_level, m: [510, 620.25]}\n  points: [[11.0000"}}));
   const Mission mission = read_mission(path("mission.yaml"));
   for (const char* file : {"m.plan", "m.kml", "m.kmz", "m.geojson", "m.gpkg"}) {
     fs::remove(path("m.yaml"));
@@ -124,10 +128,68 @@ TEST_F(MissionImport, ExportGoesOutAndComesBack) {
   ASSERT_EQ(run({"mission", "export", path("mission.yaml"), "--format", "waypoints", "--out", path("m.txt")}), 0);
   EXPECT_NE(err_.str().find("left out"), std::string::npos);
   fs::remove(path("m.yaml"));
-  EXPECT_EQ(run({"mission", "import", path("m.txt"), "--out", path("m.yaml")}), 2) << "waypoints need an id or a mission";
-  ASSERT_EQ(run({"mission", "import", path("m.txt"), "--mission", path("mission.yaml"), "--out", path("m.yaml")}), 0) << err_.str();
+  EXPECT_EQ(run({"mission", "import", path("m.txt"), "--out", path("m.yaml")}), 2)
+      << "waypoints need an id or a mission";
+  ASSERT_EQ(run({"mission", "import", path("m.txt"), "--mission", path("mission.yaml"), "--out", path("m.yaml")}), 0)
+      << err_.str();
   EXPECT_EQ(read_mission(path("m.yaml")), mission);
   EXPECT_EQ(run({"mission", "export", path("mission.yaml"), "--out", path("m.doc")}), 2);
+}
+
+class MissionCheckCommandLine : public test::CommandTest {
+ protected:
+  int check(const std::map<std::string, std::string>& replacements) {
+    return run({"mission", "check", folder_.write("mission.yaml", test::mission_yaml(replacements)).string()});
+  }
+};
+
+TEST_F(MissionCheckCommandLine, HeightsAreShownInFeetAndFeetAreSuspected) {
+  ASSERT_EQ(check({}), 0);
+  EXPECT_NE(out_.str().find("120 m (394 ft) above ground"), std::string::npos) << out_.str();
+  EXPECT_EQ(out_.str().find("mission.height"), std::string::npos);
+  ASSERT_EQ(check({{"agl_m: 120", "agl_m: 400"}}), 0) << "a note is no error";
+  EXPECT_NE(out_.str().find("if these are feet, write 122"), std::string::npos) << out_.str();
+}
+
+TEST_F(MissionCheckCommandLine, AnExpiredMissionIsWarnedOf) {
+  ASSERT_EQ(check({{"created: 2024-04-20", "created: 2023-04-20"}, {"expires: 2024-06-01", "expires: 2023-06-01"}}), 0);
+  EXPECT_NE(out_.str().find("package.expired (warning)"), std::string::npos) << out_.str();
+}
+
+TEST_F(MissionCheckCommandLine, ARouteThroughANoFlyAreaIsWarnedOf) {
+  const auto circle = [](const char* lat) {
+    return std::string("no_fly:\n  - id: mast\n    circle: {lon_deg: 11.002, lat_deg: ") + lat +
+           ", radius_m: 50}\nroute:";
+  };
+  ASSERT_EQ(check({{"route:", circle("48.0003")}}), 0) << out_.str();
+  EXPECT_NE(out_.str().find("it enters mast"), std::string::npos) << out_.str();
+  ASSERT_EQ(check({{"route:", circle("48.0100")}}), 0);
+  EXPECT_EQ(out_.str().find("mission.no_fly"), std::string::npos) << out_.str();
+  const std::string polygon =
+      "no_fly:\n  - id: range\n    polygon: [[11.001, 48.0], [11.002, 48.0], [11.002, 48.001], [11.001, 48.001], "
+      "[11.001, 48.0]]\nroute:";
+  ASSERT_EQ(check({{"route:", polygon}}), 0);
+  EXPECT_NE(out_.str().find("it enters range"), std::string::npos) << out_.str();
+  EXPECT_EQ(check({{"route:", "no_fly:\n  - id: both\nroute:"}}), 1);
+}
+
+class CacheSignCommandLine : public test::CommandTest {};
+
+TEST_F(CacheSignCommandLine, AKeyThatNobodyAppointedDoesNotSign) {
+  const std::string package = maker_.make(folder_).string();
+  ASSERT_EQ(run({"keys", "create", "--out", "@stranger"}), 0);
+  ASSERT_EQ(run({"keys", "create", "--out", "@root"}), 0);
+  ASSERT_EQ(run({"keys", "create", "--out", "@planner"}), 0);
+  ASSERT_EQ(run({"keys", "root", "--root-key", "@root.key.pem", "--package-signer", "@planner.pub.pem", "--expires",
+                 "2030-01-01", "--out", "@1.root.json"}),
+            0)
+      << err_.str();
+  EXPECT_EQ(run({"cache", "sign", package, "--key", "@stranger.key.pem", "--trust", "@1.root.json"}), 2);
+  EXPECT_NE(err_.str().find("does not appoint"), std::string::npos) << err_.str();
+  EXPECT_EQ(run({"cache", "sign", package, "--key", "@planner.key.pem", "--trust", "@1.root.json"}), 0) << err_.str();
+  EXPECT_EQ(err_.str().find("note:"), std::string::npos) << err_.str();
+  EXPECT_EQ(run({"cache", "sign", package, "--key", "@stranger.key.pem"}), 0);
+  EXPECT_NE(err_.str().find("pass --trust ROOT.json"), std::string::npos) << err_.str();
 }
 
 // nadir mission plan: counts against formulas, the estimate against a real package of the same tiles.
@@ -178,7 +240,7 @@ TEST_F(MissionPlan, WarnsAboutTheBudgetWithFigures) {
   EXPECT_EQ(plan(yaml, {"--tile-format", "png"}), 0) << "an estimate is no verdict";
   EXPECT_NE(out_.str().find("budget.exceeded"), std::string::npos) << out_.str();
   EXPECT_NE(out_.str().find("png: 98.9 kB and 21 ms per tile, measured"), std::string::npos) << out_.str();
-  ASSERT_EQ(plan(yaml, {"--json"}), 0);
+  ASSERT_EQ(plan(yaml, {"--json", "--threads", "1"}), 0);
   const json one = document();
   ASSERT_EQ(plan(yaml, {"--json", "--threads", "4"}), 0);
   EXPECT_NEAR(document()["build_minutes"].get<double>() * 4, one["build_minutes"].get<double>(), 1e-9);

@@ -77,5 +77,27 @@ TEST(BuildPlan, RequiredTilesEqualABruteForceTest) {
   }
 }
 
+TEST(BuildPlan, SwappedCoordinatesAreSuspectedWhereTheyWouldFit) {
+  const auto imagery_at = [](LonLat middle) {
+    ImageryInput input;
+    input.path = "map.tif";
+    for (const auto& [east, north] : {std::pair(-0.02, -0.02), {0.02, -0.02}, {0.02, 0.02}, {-0.02, 0.02}}) {
+      input.outline.push_back(mercator_from_lonlat({middle.lon_deg + east, middle.lat_deg + north}));
+    }
+    return input;
+  };
+  const Mission mission = long_route(0.01, 0.01);  // near 11, 48
+  const std::vector<ImageryInput> swapped{imagery_at({48, 11})}, far{imagery_at({30, 20})}, here{imagery_at({11, 48})};
+  const Findings found = check_place(mission, swapped);
+  ASSERT_EQ(found.items().size(), 1U);
+  EXPECT_EQ(found.items()[0].code, "coverage.elsewhere");
+  EXPECT_NE(found.items()[0].found.find("latitude and longitude swapped?"), std::string::npos)
+      << found.items()[0].found;
+  const Findings elsewhere = check_place(mission, far);
+  ASSERT_EQ(elsewhere.items().size(), 1U);
+  EXPECT_EQ(elsewhere.items()[0].found.find("swapped"), std::string::npos) << elsewhere.items()[0].found;
+  EXPECT_TRUE(check_place(mission, here).empty());
+}
+
 }  // namespace
 }  // namespace nadir

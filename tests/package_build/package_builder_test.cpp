@@ -1,9 +1,12 @@
 #include "package_build/package_builder.hpp"
+#include "base/progress.hpp"
+#include "package_build/build_estimate.hpp"
 
 #include <fmt/format.h>
 #include <gdal_priv.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
 #include <unistd.h>
 #include <fstream>
 #include <opencv2/core.hpp>
@@ -232,7 +235,7 @@ TEST_F(PackageBuilder, ImageryThatEndsTooEarlyIsAGap) {
   expect_refused(request("package"), "coverage.gap");
   (*spec_.transform)[0] += 50'000;  // somewhere else
   write_map("map.tif");
-  expect_refused(request("package"), "coverage.gap");
+  expect_refused(request("package"), "coverage.elsewhere");
 }
 
 TEST_F(PackageBuilder, RejectsStaleCoarseAndOversizedPackages) {
@@ -258,6 +261,50 @@ TEST_F(PackageBuilder, RejectsStaleCoarseAndOversizedPackages) {
     return {noise, (noise * 7) % 256, (noise * 13) % 256, 255};
   });
   expect_refused(large, "budget.exceeded");
+  // Given up early: what it has so far is the least, and what it would have is foretold.
+  const Finding over = build(large).findings.items().front();
+  EXPECT_NE(over.found.find("at least"), std::string::npos) << over.found;
+  EXPECT_NE(over.found.find("expected"), std::string::npos) << over.found;
+}
+
+TEST_F(PackageBuilder, WarnsOfAMissionThatHasExpiredMeanwhile) {
+  PackageRequest late = request("late");
+  late.now = UtcTime{4'000'000'000};
+  const PackageReport report = build(late);
+  EXPECT_FALSE(report.findings.has_errors());
+  EXPECT_TRUE(report.findings.contains("package.expired"));
+}
+
+TEST_F(PackageBuilder, AStatedResolutionIsComparedWithThePixels) {
+  PackageRequest fine = request("package");
+  fine.overrides.gsd_m = 0.001;
+  expect_refused(fine, "resolution.implausible");
+  fine.overrides.gsd_m = 0.25;  // pixels of 0.3 m
+  EXPECT_FALSE(build(fine).findings.has_errors());
+}
+
+TEST_F(PackageBuilder, AMissionElsewhereIsOneFinding) {
+  (*spec_.transform)[0] += 50'000;
+  write_map("map.tif");
+  const PackageReport report = build(request("package"));
+  ASSERT_EQ(report.findings.items().size(), 1U) << to_text(report.findings.items().back());
+  EXPECT_EQ(report.findings.items().front().code, "coverage.elsewhere");
+  EXPECT_NE(report.findings.items().front().found.find("50 km away"), std::string::npos)
+      << report.findings.items().front().found;
+  EXPECT_TRUE(left_behind().empty());
+}
+
+TEST_F(PackageBuilder, TheEstimateFromImageryIsWithinTenPercent) {
+  const PackageRequest wanted = request("package");
+  const PackageReport report = build(wanted);
+  const Mission mission = read_mission(wanted.mission);
+  const auto inputs = open_imagery(wanted.imagery, wanted.overrides, wanted.stretches);
+  NoProgress progress;
+  const BuildEstimate estimate =
+      estimate_build(mission, tile_format_figures("jpeg").value(), inputs, wanted.tiles, progress);
+  EXPECT_NEAR(static_cast<double>(estimate.tiles), static_cast<double>(report.tiles),
+              0.1 * static_cast<double>(report.tiles));
+  EXPECT_NEAR(estimate.bytes, static_cast<double>(report.bytes), 0.1 * static_cast<double>(report.bytes));
 }
 
 TEST_F(PackageBuilder, ErrorsLeaveNothing) {

@@ -43,6 +43,7 @@ ALLOWED = {
     # the ground's own
     "raster": "base geodesy imagery package",
     "mission_formats": "base geodesy package raster",
+    "navigability": "base geodesy imagery package vision raster",
     "package_build": "base geodesy imagery trust package vision ortho raster",
     "catalogue": "base geodesy package raster",
     "upload": "base imagery trust ortho",
@@ -56,7 +57,7 @@ ALLOWED = {
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
     "commands": "base geodesy imagery trust package vision estimation adjustment ortho recorder flights flight_adjustment replay mavlink upload raster package_build "
-                "catalogue simulation provision flight_import mission_formats cli report map_page verify_request nadird_client desk",
+                "catalogue simulation provision flight_import mission_formats navigability cli report map_page verify_request nadird_client desk",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }

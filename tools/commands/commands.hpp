@@ -25,6 +25,7 @@ std::unique_ptr<Command> make_mission_check();
 std::unique_ptr<Command> make_mission_import();
 std::unique_ptr<Command> make_mission_export();
 std::unique_ptr<Command> make_mission_plan();
+std::unique_ptr<Command> make_mission_predict();
 std::unique_ptr<Command> make_cache_build();
 std::unique_ptr<Command> make_cache_update();
 std::unique_ptr<Command> make_cache_sign();

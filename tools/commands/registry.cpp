@@ -21,6 +21,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
                           make_mission_import,
                           make_mission_export,
                           make_mission_plan,
+                          make_mission_predict,
                           make_cache_build,
                           make_cache_update,
                           make_cache_sign,

@@ -14,6 +14,7 @@
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "commands/cache/imagery_options.hpp"
+#include "commands/cache/package_signer.hpp"
 #include "commands/commands.hpp"
 #include "package_build/package_builder.hpp"
 
@@ -94,8 +95,9 @@ void CacheBuildCommand::setup(Options& options) {
   imagery_options_.setup(options);
   options.value("--key", key_, "KEY.pem", "private key that signs the package; without it the package is unsigned");
   options.values("--carry-root", roots_, "N.root.json", "newer root of trust to add to the package");
-  options.value("--trust", trust_, "ROOT.json", "root that the aircraft hold: the added ones must follow from it")
-      .needs("--carry-root");
+  options.value(
+      "--trust", trust_, "ROOT.json",
+      "root that the aircraft hold: the key must be one of its package signers, and added roots follow from it");
   options.value("--at", at_, "TIME", "evaluate ages as of this time instead of the mission's `created`");
   options.value("--out", out_, "PACKAGE", "package folder to create; must not exist").required();
   options.flag("--resume", resume_, "resume a build that was killed, with the same inputs and options");
@@ -121,8 +123,10 @@ int CacheBuildCommand::run(Context& context) {
   request.key = key ? &*key : nullptr;
   std::optional<TrustRoot> installed;
   if (trust_) installed = read_trusted_root(*trust_);
+  if (key) require_package_signer(*key, installed, roots_, context);
   request.roots = read_root_chain(roots_, evaluation_time(at_, context.clock), {}, installed ? &*installed : nullptr);
   request.at = at_;
+  request.now = context.clock.now();
   request.out = out_;
   request.program = kVersion;
   request.resume = resume_;

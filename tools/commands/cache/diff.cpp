@@ -2,10 +2,14 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
+#include "base/files.hpp"
 #include "base/printable.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
@@ -74,6 +78,61 @@ void print(std::ostream& out, const TileSetDiff& diff) {
   for (const TileKey& key : diff.redescribed) out << fmt::format("~ sidecar {}\n", to_text(key));
 }
 
+// Which tiles of which zoom, and where.
+struct ChangeCounts {
+  std::size_t added = 0, removed = 0, changed = 0, redescribed = 0;
+};
+
+void print_summary(std::ostream& out, const TileSetDiff& diff) {
+  std::map<int, ChangeCounts> zooms;
+  for (const TileChange& tile : diff.added) ++zooms[tile.key.z].added;
+  for (const TileChange& tile : diff.removed) ++zooms[tile.key.z].removed;
+  for (const TileChange& tile : diff.changed) ++zooms[tile.key.z].changed;
+  for (const TileKey& key : diff.redescribed) ++zooms[key.z].redescribed;
+  for (const auto& [zoom, counts] : zooms) {
+    out << fmt::format("  zoom {}: {} added, {} removed, {} changed, {} with a new sidecar only\n", zoom, counts.added,
+                       counts.removed, counts.changed, counts.redescribed);
+  }
+  LonLatBox box{180, 90, -180, -90};
+  const auto add = [&box](const TileKey& key) {
+    const LonLatBox tile = bounds_of(key);
+    box = {std::min(box.west_deg, tile.west_deg), std::min(box.south_deg, tile.south_deg),
+           std::max(box.east_deg, tile.east_deg), std::max(box.north_deg, tile.north_deg)};
+  };
+  if (zooms.empty()) return;
+  const int finest = zooms.rbegin()->first;
+  for (const auto* changes : {&diff.added, &diff.removed, &diff.changed}) {
+    for (const TileChange& tile : *changes) {
+      if (tile.key.z == finest) add(tile.key);
+    }
+  }
+  for (const TileKey& key : diff.redescribed) {
+    if (key.z == finest) add(key);
+  }
+  out << fmt::format("  between {:.6f},{:.6f} and {:.6f},{:.6f}\n", box.west_deg, box.south_deg, box.east_deg,
+                     box.north_deg);
+}
+
+// The tiles that differ, as polygons: for a map of the changes.
+json geojson_of(const TileSetDiff& diff) {
+  json features = json::array();
+  const auto add = [&features](const TileKey& key, const char* change) {
+    const LonLatBox box = bounds_of(key);
+    const json ring =
+        json::array({json::array({box.west_deg, box.south_deg}), json::array({box.east_deg, box.south_deg}),
+                     json::array({box.east_deg, box.north_deg}), json::array({box.west_deg, box.north_deg}),
+                     json::array({box.west_deg, box.south_deg})});
+    features.push_back({{"type", "Feature"},
+                        {"geometry", {{"type", "Polygon"}, {"coordinates", json::array({ring})}}},
+                        {"properties", {{"tile", to_text(key)}, {"zoom", key.z}, {"change", change}}}});
+  };
+  for (const TileChange& tile : diff.added) add(tile.key, "added");
+  for (const TileChange& tile : diff.removed) add(tile.key, "removed");
+  for (const TileChange& tile : diff.changed) add(tile.key, "changed");
+  for (const TileKey& key : diff.redescribed) add(key, "sidecar");
+  return {{"type", "FeatureCollection"}, {"features", std::move(features)}};
+}
+
 class CacheDiffCommand final : public Command {
  public:
   std::string_view group() const override { return "cache"; }
@@ -89,12 +148,14 @@ class CacheDiffCommand final : public Command {
  private:
   std::filesystem::path before_;
   std::filesystem::path after_;
+  bool list_ = false;
+  std::optional<std::filesystem::path> geojson_;
 };
 
 std::string_view CacheDiffCommand::details() const {
   return R"(Compares tiles by address and content, their sidecars, and the metadata; for two packages also the
-manifests. Nothing is verified. A line begins with - for what only A has, + for what only B has,
-and ~ for what differs.
+manifests. Nothing is verified. The summary comes first; with --list a line for each difference
+follows: - for what only A has, + for what only B has, and ~ for what differs.
 
 Exit codes: 0 identical, 1 they differ, 2 the comparison could not be done.)";
 }
@@ -107,6 +168,8 @@ nadir cache diff package others.mbtiles --json)";
 void CacheDiffCommand::setup(Options& options) {
   options.positional("A", before_, "package, MBTiles file or COG").required();
   options.positional("B", after_, "what it is compared with").required();
+  options.flag("--list", list_, "list every difference");
+  options.value("--geojson", geojson_, "FILE.geojson", "write the tiles that differ as polygons, for a map");
 }
 
 int CacheDiffCommand::run(Context& context) {
@@ -115,6 +178,7 @@ int CacheDiffCommand::run(Context& context) {
   std::vector<EntryChange> facts;
   if (before.manifest && after.manifest) facts = diff_entries(facts_of(*before.manifest), facts_of(*after.manifest));
   const bool same = diff.empty() && facts.empty();
+  if (geojson_) write_file_atomic(*geojson_, geojson_of(diff).dump() + "\n");
   if (context.json) {
     json redescribed = json::array();
     for (const TileKey& key : diff.redescribed) redescribed.push_back(to_text(key));
@@ -127,12 +191,13 @@ int CacheDiffCommand::run(Context& context) {
                              {"sidecars", redescribed},
                              {"unchanged_tiles", diff.same}});
   } else {
-    print(context.out, "manifest", facts);
-    print(context.out, "metadata", diff.metadata);
-    print(context.out, diff);
     context.out << fmt::format("{}: {} added, {} removed, {} changed, {} with a new sidecar only, {} unchanged\n",
                                same ? "identical" : "different", count(diff.added.size(), "tile"), diff.removed.size(),
                                diff.changed.size(), diff.redescribed.size(), diff.same);
+    print_summary(context.out, diff);
+    print(context.out, "manifest", facts);
+    print(context.out, "metadata", diff.metadata);
+    if (list_) print(context.out, diff);
   }
   return same ? kAccepted : kRefused;
 }

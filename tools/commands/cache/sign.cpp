@@ -1,6 +1,7 @@
 // nadir cache sign: signs a package that was built without a key, or adds a second signature.
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 #include <string>
 #include <vector>
@@ -9,6 +10,7 @@
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/cache/package_signer.hpp"
 #include "commands/commands.hpp"
 #include "commands/keys/root_signing.hpp"
 #include "package/package_roots.hpp"
@@ -35,6 +37,7 @@ class CacheSignCommand final : public Command {
   std::vector<std::filesystem::path> keys_;
   std::vector<std::filesystem::path> roots_;
   bool only_ = false;
+  std::optional<std::filesystem::path> trust_;
 };
 
 std::string_view CacheSignCommand::details() const {
@@ -56,6 +59,7 @@ void CacheSignCommand::setup(Options& options) {
   options.values("--key", keys_, "KEY.pem", "private key of a package signer; may be repeated").required();
   options.values("--carry-root", roots_, "N.root.json", "newer root of trust to add to the package");
   options.flag("--only", only_, "drop existing signatures");
+  options.value("--trust", trust_, "ROOT.json", "root that the aircraft hold: the keys must be package signers of it");
 }
 
 int CacheSignCommand::run(Context& context) {
@@ -67,6 +71,9 @@ int CacheSignCommand::run(Context& context) {
                       .fix = "give the folder that `nadir cache build --out` created"});
   }
   const std::vector<PrivateKey> keys = read_private_keys(keys_);
+  std::optional<TrustRoot> installed;
+  if (trust_) installed = read_trusted_root(*trust_);
+  for (const PrivateKey& key : keys) require_package_signer(key, installed, roots_, context);
   const Findings findings = check_before_signing(package_, context.progress);
   if (findings.has_errors()) return report_findings(context.out, context.json, findings);
 

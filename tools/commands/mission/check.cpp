@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -36,6 +37,17 @@ Demand demand_of(const Mission& mission) {
   return demand;
 }
 
+std::string height_text(const Route& route) {
+  constexpr double kMetresPerFoot = 0.3048;
+  std::string text = fmt::format("{:g} m ({:.0f} ft) above ground", route.agl_m, route.agl_m / kMetresPerFoot);
+  if (!route.heights_m.empty()) {
+    const auto [low, high] = std::minmax_element(route.heights_m.begin(), route.heights_m.end());
+    text += fmt::format("; points {:g} to {:g} m ({:.0f} to {:.0f} ft), {}", *low, *high, *low / kMetresPerFoot,
+                        *high / kMetresPerFoot, name_of(route.height_frame));
+  }
+  return text;
+}
+
 class MissionCheckCommand final : public Command {
  public:
   std::string_view group() const override { return "mission"; }
@@ -65,9 +77,11 @@ void MissionCheckCommand::setup(Options& options) {
 }
 
 int MissionCheckCommand::run(Context& context) {
-  const MissionReading reading = check_mission(mission_);
+  MissionReading reading = check_mission(mission_);
   if (!reading.mission) return report_findings(context.out, context.json, reading.findings);
   const Mission& mission = *reading.mission;
+  reading.findings.add(check_present_expiry(mission, context.clock.now()));
+  reading.findings.add(check_plausibility(mission));
   const Demand demand = demand_of(mission);
   if (context.json) {
     const nlohmann::json more{{"mission", mission.id},
@@ -89,6 +103,7 @@ int MissionCheckCommand::run(Context& context) {
        {"airframes", fmt::format("{}", fmt::join(mission.airframes, ", "))},
        {"sectors", fmt::format("{}, {:.2f} km²", mission.sectors.size(), demand.sectors_km2)},
        {"route", fmt::format("{:.2f} km, {:.0f} m to each side", demand.route_km, mission.route.corridor_half_width_m)},
+       {"height", height_text(mission.route)},
        {"tiles", fmt::format("{} at zooms {} to {}", demand.tiles, mission.zoom.min, mission.zoom.max)},
        {"integrity",
         fmt::format("alert limit {} m at a risk of {} a look, alert within {} s", mission.integrity.alert_limit_m,

@@ -1,0 +1,207 @@
+#!/usr/bin/env python3
+"""Predicted against flown: simulated flights over worlds that the model was fitted to or not, and recorded ones.
+
+usage: navigability.py PROGRAMS [--seeds FIRST LAST] [--flights N] [--work DIR] [--fit] [--recorded NAME PREDICTION ESTIMATES TRUTH SPACING_M]...
+
+Each seed is a world with a package; over it, flights along random routes at random heights, replayed with the localizer, and predicted by
+`nadir mission predict`. A frame is compared with the predicted look that lies nearest, within half of the spacing. Seeds below a million fit
+(--fit prints coefficients for navigability_parameters.hpp), those from a million on judge. What a work folder holds already is not made again.
+"""
+import argparse
+import csv
+import json
+import math
+import pathlib
+import random
+import subprocess
+import sys
+
+SPACING_M = 80
+CAMERA = """model: pinhole
+width: 640
+height: 360
+fx: 501.2
+fy: 500.9
+cx: 321.6
+cy: 178.4
+distortion: [-0.085, 0.032, 0.0004, -0.0003, 0.0]
+uncertainty:
+  heading_deg: 2.5
+  agl_relative: 0.03
+  tilt_deg: 0.8
+"""
+
+
+def run(programs, *args, good=(0, 1)):
+    result = subprocess.run([programs / "nadir", *map(str, args)], capture_output=True, text=True)
+    if result.returncode not in good:
+        sys.exit(f"nadir {' '.join(map(str, args))}: {result.returncode}\n{result.stderr}")
+    return result.stdout
+
+
+def fly(programs, work, seed, flights):
+    """Makes a world, its package and its flights, unless they are there; yields the folders of the flights."""
+    world = work / f"w{seed}"
+    if not (world / "mission.yaml").exists():
+        run(programs, "simulate", "world", "--seed", seed, "--size-km", 1.5, "--gsd-m", 0.4, "--out", world)
+    head = (world / "mission.yaml").read_text().split("route:")[0].replace("min: 14", "min: 16")
+    corners = json.loads(head.split("polygon: ")[1].split("\n")[0])
+    low = [min(point[i] for point in corners) for i in (0, 1)]
+    high = [max(point[i] for point in corners) for i in (0, 1)]
+    draw = random.Random(seed)
+    for number in range(flights):
+        folder = world / f"f{number}"
+        agl_m = draw.choice([60, 80, 110, 150, 200, 280])
+        points = []
+        while len(points) < 4:
+            point = [round(low[i] + (high[i] - low[i]) * draw.uniform(0.2, 0.8), 7) for i in (0, 1)]
+            if not points or math.hypot((point[0] - points[-1][0]) * 73300, (point[1] - points[-1][1]) * 111200) > 250:
+                points.append(point)
+        if not (folder / "out" / "summary.json").exists():
+            folder.mkdir(exist_ok=True)
+            mission = folder / "mission.yaml"
+            mission.write_text(f"{head}route:\n  corridor_half_width_m: 60\n  agl_m: {agl_m}\n  points: {points}\n")
+            if not (world / "package").exists():
+                run(programs, "cache", "build", "--mission", mission, "--imagery", world / "map.tif", "--dem", world / "dem.tif", "--key",
+                    work / "planner.key.pem", "--out", world / "package")
+            run(programs, "simulate", "flight", "--world", world / "ground.tif", "--dem", world / "dem.tif", "--mission", mission, "--camera",
+                work / "camera.yaml", "--out", folder / "flight", "--seed", seed * 10 + number, "--noise", "real", "--max-frames", 36, "--interval-s", 2)
+            flight = folder / "flight"
+            run(programs, "replay", "--package", world / "package", "--trust", work / "root.json", "--frames", flight / "frames", "--telemetry",
+                flight / "telemetry.csv", "--camera", flight / "camera.yaml", "--truth", flight / "truth.csv",
+                f"--start={points[0][0]},{points[0][1]}", "--at", "2025-09-18", "--out", folder / "out", "--json")
+        prediction = folder / "prediction.json"
+        if not prediction.exists():
+            prediction.write_text(run(programs, "mission", "predict", folder / "mission.yaml", world / "package", "--camera",
+                                      work / "camera.yaml", "--spacing-m", SPACING_M, "--json", "--quiet"))
+        yield folder / "prediction.json", folder / "out" / "estimates.csv", folder / "flight" / "truth.csv"
+
+
+def frames_of(prediction, estimates, truth, spacing_m):
+    """[(look, anchored)] of a flight."""
+    looks = json.loads(prediction.read_text())["looks"]
+    where = {row["frame"]: (float(row["lon_deg"]), float(row["lat_deg"])) for row in csv.DictReader(truth.open())}
+    frames = []
+    for row in csv.DictReader(estimates.open()):
+        if row["frame"] not in where:
+            continue
+        lon, lat = where[row["frame"]]
+        metres = math.cos(math.radians(lat)) * 111320
+
+        def away(look, lon=lon, lat=lat, metres=metres):
+            return math.hypot((look["lon_deg"] - lon) * metres, (look["lat_deg"] - lat) * 111200)
+        look = min(looks, key=away)
+        if away(look) <= spacing_m / 2 + 5:
+            frames.append((look, row["source"] == "satellite_anchored"))
+    return frames
+
+
+def ranks(values):
+    order = sorted(range(len(values)), key=values.__getitem__)
+    result, i = [0.0] * len(values), 0
+    while i < len(order):
+        k = i
+        while k + 1 < len(order) and values[order[k + 1]] == values[order[i]]:
+            k += 1
+        for m in order[i:k + 1]:
+            result[m] = (i + k) / 2
+        i = k + 1
+    return result
+
+
+def spearman(a, b):
+    a, b = ranks(a), ranks(b)
+    mean_a, mean_b = sum(a) / len(a), sum(b) / len(b)
+    cross = sum((x - mean_a) * (y - mean_b) for x, y in zip(a, b))
+    spread = math.sqrt(sum((x - mean_a) ** 2 for x in a) * sum((y - mean_b) ** 2 for y in b))
+    return cross / spread if spread > 0 else float("nan")
+
+
+def solve(matrix, vector):
+    n = len(vector)
+    rows = [row[:] + [value] for row, value in zip(matrix, vector)]
+    for i in range(n):
+        pivot = max(range(i, n), key=lambda k: abs(rows[k][i]))
+        rows[i], rows[pivot] = rows[pivot], rows[i]
+        for k in range(i + 1, n):
+            share = rows[k][i] / rows[i][i]
+            rows[k] = [x - share * y for x, y in zip(rows[k], rows[i])]
+    result = [0.0] * n
+    for i in reversed(range(n)):
+        result[i] = (rows[i][n] - sum(rows[i][k] * result[k] for k in range(i + 1, n))) / rows[i][i]
+    return result
+
+
+def fit(flights):
+    """Logistic regression by Newton's method, with a weak prior on the slopes."""
+    data = [([1.0, look["ratio"], math.log(look["footprint_m"] / look["map_gsd_m"])], anchored)
+            for flight in flights for look, anchored in flight if look["valid"] >= 0.6]
+    weights, prior = [0.0] * 3, 0.5
+    for _ in range(50):
+        gradient = [0.0] + [-prior * weight for weight in weights[1:]]
+        hessian = [[(prior if i == k and i > 0 else 1e-9 if i == k else 0.0) for k in range(3)] for i in range(3)]
+        for x, y in data:
+            p = 1 / (1 + math.exp(-sum(w * f for w, f in zip(weights, x))))
+            for i in range(3):
+                gradient[i] += x[i] * (y - p)
+                for k in range(3):
+                    hessian[i][k] += x[i] * x[k] * p * (1 - p)
+        weights = [w + step for w, step in zip(weights, solve(hessian, gradient))]
+    return weights
+
+
+def judge(name, flights):
+    frames = [frame for flight in flights for frame in flight]
+    if not frames:
+        print(f"{name}: nothing to compare")
+        return
+    predicted, anchored = [look["probability"] for look, _ in frames], [float(hit) for _, hit in frames]
+    per_flight = [(sum(look["probability"] for look, _ in flight) / len(flight), sum(hit for _, hit in flight) / len(flight))
+                  for flight in flights if flight]
+    print(f"{name}: {len(per_flight)} flights, {len(frames)} frames, {100 * sum(anchored) / len(anchored):.1f} % anchored")
+    print(f"  Spearman of frames {spearman(predicted, anchored):.2f}" +
+          (f", of flights {spearman([p for p, _ in per_flight], [a for _, a in per_flight]):.2f}" if len(per_flight) > 2 else ""))
+    for verdict, low, high in (("good", 0.95, 1.01), ("fair", 0.5, 0.95), ("poor", -1, 0.5)):
+        part = [hit for p, hit in zip(predicted, anchored) if low <= p < high]
+        print(f"  called {verdict}: {len(part)} frames" + (f", {100 * sum(part) / len(part):.1f} % anchored" if part else ""))
+    print("  reliability: predicted, anchored, frames")
+    for low in (0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95):
+        high = {0.8: 0.9, 0.9: 0.95, 0.95: 1.01}.get(low, low + 0.2)
+        part = [(p, hit) for p, hit in zip(predicted, anchored) if low <= p < high]
+        if part:
+            print(f"    {sum(p for p, _ in part) / len(part):.3f}  {sum(hit for _, hit in part) / len(part):.3f}  {len(part)}")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("programs", type=pathlib.Path)
+    parser.add_argument("--seeds", type=int, nargs=2, default=[1_000_001, 1_000_012])
+    parser.add_argument("--flights", type=int, default=4, help="over each world")
+    parser.add_argument("--work", type=pathlib.Path, default=pathlib.Path("bench-navigability"))
+    parser.add_argument("--fit", action="store_true")
+    parser.add_argument("--recorded", nargs=5, action="append", default=[], metavar=("NAME", "PREDICTION", "ESTIMATES", "TRUTH", "SPACING"))
+    args = parser.parse_args()
+    args.programs = args.programs.resolve()
+    args.work.mkdir(parents=True, exist_ok=True)
+    (args.work / "camera.yaml").write_text(CAMERA)
+    if not (args.work / "root.json").exists():
+        run(args.programs, "keys", "create", "--out", args.work / "root")
+        run(args.programs, "keys", "create", "--out", args.work / "planner")
+        run(args.programs, "keys", "root", "--root-key", args.work / "root.key.pem", "--package-signer", args.work / "planner.pub.pem",
+            "--expires", "2099-01-01", "--out", args.work / "root.json")
+    flights = []
+    if args.seeds[1] >= args.seeds[0]:
+        for seed in range(args.seeds[0], args.seeds[1] + 1):
+            flights += [frames_of(*files, SPACING_M) for files in fly(args.programs, args.work, seed, args.flights)]
+            print(f"seed {seed}: {len(flights)} flights", file=sys.stderr)
+    if args.fit:
+        if args.seeds[1] >= 1_000_000:
+            sys.exit("seeds from a million on judge: fit on others")
+        print("kLookOffset, kLookPerRatio, kLookPerLogFootprint:", *(f"{weight:.3f}" for weight in fit(flights)))
+    judge("simulated", flights)
+    for name, prediction, estimates, truth, spacing in args.recorded:
+        judge(name, [frames_of(pathlib.Path(prediction), pathlib.Path(estimates), pathlib.Path(truth), float(spacing))])
+
+
+if __name__ == "__main__":
+    main()
