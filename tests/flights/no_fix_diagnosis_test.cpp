@@ -46,7 +46,6 @@ struct WronglyStated {
     for (std::size_t i = 0; i < images.size(); ++i) {
       images[i] = photograph(elsewhere.ground(), camera.camera, moments[i].truth);
     }
-    flight.area = PlaneBox{-150, -150, 90, 90};  // a quarter of the map, around the start: all of it is searched
   }
   std::optional<NoFixDiagnosis> diagnosis() const {
     return diagnose_no_fix(flight, {.elapsed_s = [] { return 0.0; }});
@@ -134,23 +133,16 @@ TEST(NoFixDiagnosis, AStartOutsideOfThePackage) {
   EXPECT_LT(distance_m(stated.frame.plane_from_lonlat(*found->place), {-60, -45}), 20);
 }
 
+// With a start it takes three times as long: OutOfTimeItSaysWhatWasNotTried.
 TEST(NoFixDiagnosis, PhotosOfAnotherPlaceMatchNowhere) {
-  WronglyStated stated;
-  stated.photograph_another_place();
-  const auto found = stated.diagnosis();
-  ASSERT_TRUE(found.has_value());
-  EXPECT_EQ(found->cause, NoFixCause::nowhere) << found->text;
-  EXPECT_THAT(found->text, HasSubstr("match nowhere in this package"));
-  EXPECT_EQ(found->frames_matched, 0);
-}
-
-TEST(NoFixDiagnosis, PhotosOfAnotherPlaceMatchNowhereWithoutAStart) {
   WronglyStated stated;
   stated.photograph_another_place();
   stated.flight.start = std::nullopt;
   const auto found = stated.diagnosis();
   ASSERT_TRUE(found.has_value());
   EXPECT_EQ(found->cause, NoFixCause::nowhere) << found->text;
+  EXPECT_THAT(found->text, HasSubstr("match nowhere in this package"));
+  EXPECT_EQ(found->frames_matched, 0);
 }
 
 TEST(NoFixDiagnosis, HeightsInFeetWithoutAStart) {
