@@ -2,9 +2,8 @@
 // telemetry and what people said, in one block adjustment (adjustment/block_adjustment.hpp).
 //
 //   frame        starts at its smoothed pose
-//   attitude     the telemetry's; its σ from camera.yaml, what is constant is boresight. Not measured: as the filter
-//   has
-//                found that it scatters
+//   attitude     the telemetry's; its σ from camera.yaml, what is constant is boresight. Where none was
+//                measured: as the filter has found that it scatters
 //   height       the telemetry's, relative σ of camera.yaml, and a scale that all heights share
 //   anchor       each accepted look, as the whole pose that the image alone determines, with the covariance that the
 //                flight filter gives it (docs/localization.md)

@@ -7,9 +7,8 @@
 //
 //   p_k     offset of frame k from the first one, by odometry, under the headings and heights of the online estimates
 //   t       position of the first frame                   unknown: this is what it means to float
-//   ψ, s    what all headings and all heights share       small where telemetry measures them; ψ is any where no
-//   heading
-//                                                         was ever measured
+//   ψ, s    what all headings and all heights share       small where telemetry measures them; ψ is any where
+//                                                         no heading was ever measured
 //   w_k     the errors of the steps, added up: a random walk whose covariance is that of the steps
 //
 // t, ψ and s are a similarity of the plane: the part of Sim(3) that a nadir camera with known tilt and terrain leaves.
