@@ -17,7 +17,7 @@ inline constexpr double kLookPerLogFootprint = 1.613;  // … of the logarithm o
 
 // ---- legs
 
-inline constexpr double kGoodLook = 0.95, kPoorLook = 0.5;  // probabilities: from here on good, below it poor; issue 19
+inline constexpr double kGoodLook = 0.95, kPoorLook = 0.5;  // probabilities: from here on good, below it poor; chosen
 inline constexpr double kUsefulGain = 0.2;                  // in probability: a remedy is worth naming; chosen
 inline constexpr std::size_t kRemedySamples = 5;            // places of a leg where remedies are tried; chosen
 
