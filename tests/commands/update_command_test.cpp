@@ -174,7 +174,6 @@ TEST_F(BuildWithRoots, RejectsRootsThatAircraftCannotFollow) {
   EXPECT_EQ(build({"--carry-root", "@2.json", "--carry-root", "@stolen.json"}), 2) << "two of one version";
   EXPECT_EQ(build({"--carry-root", "@damaged.json"}), 2);
   EXPECT_EQ(build({"--carry-root", "@map.tif"}), 2);
-  EXPECT_EQ(build({"--trust", "@root.json"}), 2) << "--trust is for roots";
   EXPECT_FALSE(fs::exists(folder_ / "new"));
 }
 
