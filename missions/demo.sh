@@ -36,7 +36,8 @@ echo_and_run $nadir keys root --root-key $out/root.key.pem --package-signer $out
 say "3  The mission's map package: built, checked, hashed, signed"
 created=$(sed -n 's/^created: *//p' $out/world/mission.yaml)
 sed 's/^airframes: .*/airframes: [mini-07, mini-08]/' $out/world/mission.yaml > $out/mission.yaml
-echo_and_run $nadir cache build --mission $out/mission.yaml --imagery $out/world/map.tif --dem $out/world/dem.tif --key $out/signer.key.pem --out $out/package
+echo_and_run $nadir cache build --mission $out/mission.yaml --imagery $out/world/map.tif --dem $out/world/dem.tif --key $out/signer.key.pem \
+  --trust $out/root.json --at "$created" --out $out/package
 
 say "4  Verified as the aircraft does before take-off"
 echo_and_run $nadir cache verify $out/package --trust $out/root.json --depth full --at "$created"
@@ -82,7 +83,7 @@ kill $service_id && wait $service_id
 say "9  The next package: promoted tiles on top of the satellite image"
 sed -e "s/^sequence: .*/sequence: 2/" -e "s/^created: .*/created: $(date -u -d "$created + 3 day" +%FT%TZ)/" $out/mission.yaml > $out/next.yaml
 echo_and_run $nadir cache build --mission $out/next.yaml --imagery $out/promoted/*.tif --imagery $out/world/map.tif --dem $out/world/dem.tif \
-  --key $out/signer.key.pem --out $out/next
+  --key $out/signer.key.pem --trust $out/root.json --at "$(date -u -d "$created + 3 day" +%FT%TZ)" --out $out/next
 echo_and_run $nadir cache verify $out/next --trust $out/root.json --depth full --at "$(date -u -d "$created + 3 day" +%FT%TZ)"
 printf '  $ %s\n' "$nadir cache diff $out/package $out/next | head -n 1"
 { $nadir cache diff $out/package $out/next || [[ $? == 1 ]]; } | head -n 1

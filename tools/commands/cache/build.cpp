@@ -98,7 +98,9 @@ void CacheBuildCommand::setup(Options& options) {
   options.value(
       "--trust", trust_, "ROOT.json",
       "root that the aircraft hold: the key must be one of its package signers, and added roots follow from it");
-  options.value("--at", at_, "TIME", "evaluate ages as of this time instead of the mission's `created`");
+  options.value(
+      "--at", at_, "TIME",
+      "evaluate ages, and whether the mission has expired, as of this time; default: ages as of its `created`");
   options.value("--out", out_, "PACKAGE", "package folder to create; must not exist").required();
   options.flag("--resume", resume_, "resume a build that was killed, with the same inputs and options");
 }
@@ -126,7 +128,7 @@ int CacheBuildCommand::run(Context& context) {
   if (key) require_package_signer(*key, installed, roots_, context);
   request.roots = read_root_chain(roots_, evaluation_time(at_, context.clock), {}, installed ? &*installed : nullptr);
   request.at = at_;
-  request.now = context.clock.now();
+  request.now = evaluation_time(at_, context.clock);
   request.out = out_;
   request.program = kVersion;
   request.resume = resume_;
