@@ -16,8 +16,6 @@ using namespace parameters::navigability;
 namespace {
 
 constexpr std::size_t kCachedLookTiles = 128;
-constexpr double kHeightStep = 0.05;  // heights that differ by less share a probe
-constexpr double kLeastFootprint_px = 10;
 
 double map_resolution_m(const TileSource& tiles, const LocalFrame& frame) {
   return ground_resolution_m(tiles.zooms().max, frame.origin().lat_deg);

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <functional>
 
@@ -17,13 +16,8 @@ namespace nadir {
 using namespace parameters::navigability;
 namespace {
 
-constexpr double kOverlap = 0.7;
-constexpr double kLeastSpacing_m = 5;
 constexpr std::size_t kMaxLooks = 100'000;
-constexpr std::size_t kTextureSamples = 200;
 constexpr std::int64_t kSecondsPerDay = 86'400;
-constexpr double kShortLeg_m = 60;  // a shorter section does not change the verdict of the leg around it
-constexpr std::array kHeightTrials{1.5, 2.0, 0.7};
 
 struct RoutePoint {
   double at_m;
@@ -248,7 +242,7 @@ RoutePrediction predict_route(const Mission& mission, const TileSource& tiles, s
                              mission.route.height_frame == HeightFrame::above_ground || mission.route.heights_m.empty();
   prediction.alert_limit_m = mission.integrity.alert_limit_m;
   prediction.spacing_m = options.spacing_m.value_or(
-      std::max(kLeastSpacing_m, (1 - kOverlap) * options.camera.height / options.camera.fy * mission.route.agl_m));
+      std::max(kLeastSpacing_m, (1 - kFrameOverlap) * options.camera.height / options.camera.fy * mission.route.agl_m));
   prediction.looks = looks_along(mission, frame, ground, prediction.spacing_m, options.camera, prediction.route_m);
   std::vector<PredictedLook>& looks = prediction.looks;
 

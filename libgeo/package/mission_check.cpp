@@ -140,13 +140,13 @@ Findings check_resolution(const Mission& mission, std::span<const Sidecar> tiles
   return findings;
 }
 
-Findings check_present_expiry(const Mission& mission, UtcTime now) {
+Findings check_expiry(const Mission& mission, UtcTime at, Severity severity) {
   Findings findings;
-  if (now >= mission.expires) {
+  if (at >= mission.expires) {
     findings.add({.code = "package.expired",
-                  .severity = Severity::warning,
+                  .severity = severity,
                   .where = "mission.expires",
-                  .expected = "later than now (" + to_rfc3339(now) + "): aircraft reject an expired package",
+                  .expected = "later than " + to_rfc3339(at) + ": aircraft reject an expired package",
                   .found = to_rfc3339(mission.expires),
                   .fix = "give the mission a later date"});
   }

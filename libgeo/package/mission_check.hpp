@@ -37,8 +37,9 @@ Findings check_resolution(const Mission& mission, std::span<const Sidecar> tiles
 Findings check_budget(const Mission& mission, std::uint64_t package_bytes,
                       std::optional<std::uint64_t> expected_bytes = {});
 
-// "package.expired", a warning for planners: aircraft would refuse the package today.
-Findings check_present_expiry(const Mission& mission, UtcTime now);
+// "package.expired": aircraft would reject the package at that time. An error for a build that is evaluated as of then,
+// a warning for planners whose clock says so.
+Findings check_expiry(const Mission& mission, UtcTime at, Severity severity = Severity::error);
 
 // "mission.height", a note: heights that are usual in feet and unusual in metres. "mission.no_fly", a warning: the
 // route enters a no-fly area.

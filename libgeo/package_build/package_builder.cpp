@@ -27,18 +27,6 @@ Mission parse_mission_or_throw(std::string_view yaml, const fs::path& path) {
                     .fix = first.fix.empty() ? "`nadir mission check` lists all errors" : first.fix});
 }
 
-Findings check_expiry(const Mission& mission, UtcTime at) {
-  Findings findings;
-  if (at >= mission.expires) {
-    findings.add({.code = "package.expired",
-                  .where = "mission.expires",
-                  .expected = "later than " + to_rfc3339(at),
-                  .found = to_rfc3339(mission.expires),
-                  .fix = "give the mission a later date"});
-  }
-  return findings;
-}
-
 void check_zoom(const Mission& mission, const fs::path& path) {
   constexpr int kFinest = 22;
   if (mission.zoom.max <= kFinest) return;
@@ -207,7 +195,7 @@ void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journa
   report.merkle_root = set.facts.merkle_root;
   report.bytes = package_size(folder);
   report.findings = check_expiry(mission, at);
-  if (request.now) report.findings.add(check_present_expiry(mission, *request.now));
+  if (request.now) report.findings.add(check_expiry(mission, *request.now, Severity::warning));
   report.findings.add(check_tile_requirements(mission, set.sidecars, report.bytes, at));
 }
 
@@ -226,7 +214,7 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
   PackageReport report;
   report.zoom = mission.zoom;
   report.findings = check_plan(mission, inputs, range, at);
-  if (request.now) report.findings.add(check_present_expiry(mission, *request.now));
+  if (request.now) report.findings.add(check_expiry(mission, *request.now, Severity::warning));
   const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, request.dem, report.findings);
   if (report.findings.has_errors()) return report;
 

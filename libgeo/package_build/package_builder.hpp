@@ -62,9 +62,6 @@ Mission parse_mission_or_throw(std::string_view yaml, const std::filesystem::pat
 // Throws UsageError for zooms that are not supported: global pixels are counted in 32 bits while tiles are made.
 void check_zoom(const Mission& mission, const std::filesystem::path& mission_file);
 
-// "package.expired".
-Findings check_expiry(const Mission& mission, UtcTime at);
-
 // Throws UsageError when there is an elevation model although the mission states flat terrain.
 void check_terrain_wanted(const Mission& mission, const std::filesystem::path& mission_file,
                           const std::optional<std::filesystem::path>& dem);

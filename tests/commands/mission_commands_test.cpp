@@ -177,18 +177,18 @@ class CacheSignCommandLine : public test::CommandTest {};
 
 TEST_F(CacheSignCommandLine, AKeyThatNobodyAppointedDoesNotSign) {
   const std::string package = maker_.make(folder_).string();
-  ASSERT_EQ(run({"keys", "create", "--out", "@stranger"}), 0);
+  ASSERT_EQ(run({"keys", "create", "--out", "@unappointed"}), 0);
   ASSERT_EQ(run({"keys", "create", "--out", "@root"}), 0);
   ASSERT_EQ(run({"keys", "create", "--out", "@planner"}), 0);
   ASSERT_EQ(run({"keys", "root", "--root-key", "@root.key.pem", "--package-signer", "@planner.pub.pem", "--expires",
                  "2030-01-01", "--out", "@1.root.json"}),
             0)
       << err_.str();
-  EXPECT_EQ(run({"cache", "sign", package, "--key", "@stranger.key.pem", "--trust", "@1.root.json"}), 2);
+  EXPECT_EQ(run({"cache", "sign", package, "--key", "@unappointed.key.pem", "--trust", "@1.root.json"}), 2);
   EXPECT_NE(err_.str().find("does not appoint"), std::string::npos) << err_.str();
   EXPECT_EQ(run({"cache", "sign", package, "--key", "@planner.key.pem", "--trust", "@1.root.json"}), 0) << err_.str();
   EXPECT_EQ(err_.str().find("note:"), std::string::npos) << err_.str();
-  EXPECT_EQ(run({"cache", "sign", package, "--key", "@stranger.key.pem"}), 0);
+  EXPECT_EQ(run({"cache", "sign", package, "--key", "@unappointed.key.pem"}), 0);
   EXPECT_NE(err_.str().find("pass --trust ROOT.json"), std::string::npos) << err_.str();
 }
 

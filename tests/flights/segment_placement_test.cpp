@@ -83,8 +83,8 @@ TEST(SegmentPlacement, FindsItsHeadingWhereNoneWasMeasured) {
 // A wrong position that is given with confidence is the worst.
 TEST(SegmentPlacement, PlacesNothingWhereTheMapDoesNotShowIt) {
   for (const MapHole hole : {MapHole::blank, MapHole::other_land}) {  // many more seeds: ./run bench segments
-    const SegmentWorld world(5, {.half_side_m = 300, .changed_share = 0.5});
-    const auto segment = world.segment(2, 6);
+    const SegmentWorld world(5, kOldMap);
+    const auto segment = world.segment(2, 8);
     const auto result = world.place(segment, hole);
     EXPECT_TRUE(result.poses.empty()) << worst_error_m(result, segment) << " m off";
     EXPECT_LE(result.candidates.size(), 5U);
@@ -109,7 +109,7 @@ TEST(SegmentPlacement, SearchesWhereItIsSaidToBeFirstAndBelievesNobody) {
 }
 
 TEST(SegmentPlacement, IsCancelledAndGoesOnWithTheSameResult) {
-  const SegmentWorld world(9, {.half_side_m = 300, .changed_share = 0.5});
+  const SegmentWorld world(9, kOldMap);
   const auto segment = world.segment(1, 8);
   const auto whole = world.place(segment, MapHole::none);
   const auto tiles = world.map(MapHole::none, segment);

@@ -128,7 +128,7 @@ int CacheBuildCommand::run(Context& context) {
   if (key) require_package_signer(*key, installed, roots_, context);
   request.roots = read_root_chain(roots_, evaluation_time(at_, context.clock), {}, installed ? &*installed : nullptr);
   request.at = at_;
-  request.now = evaluation_time(at_, context.clock);
+  if (!at_) request.now = context.clock.now();
   request.out = out_;
   request.program = kVersion;
   request.resume = resume_;

@@ -80,7 +80,7 @@ int MissionCheckCommand::run(Context& context) {
   MissionReading reading = check_mission(mission_);
   if (!reading.mission) return report_findings(context.out, context.json, reading.findings);
   const Mission& mission = *reading.mission;
-  reading.findings.add(check_present_expiry(mission, context.clock.now()));
+  reading.findings.add(check_expiry(mission, context.clock.now(), Severity::warning));
   reading.findings.add(check_plausibility(mission));
   const Demand demand = demand_of(mission);
   if (context.json) {
