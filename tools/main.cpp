@@ -4,7 +4,6 @@
 #include <iostream>
 
 #include "cli/program.hpp"
-#include "cli/terminal.hpp"
 #include "commands/commands.hpp"
 
 int main(int argc, char** argv) {
@@ -13,6 +12,7 @@ int main(int argc, char** argv) {
   winsize size{};
   const bool terminal = isatty(STDERR_FILENO) == 1;
   const bool sized = terminal && ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
-  const nadir::Environment surroundings{std::cout, std::cerr, clock, terminal, sized ? size.ws_col : 80};
+  const nadir::Environment surroundings{std::cout, std::cerr, clock, nadir::progress_style(terminal),
+                                        sized ? size.ws_col : 80};
   return nadir::run_program(nadir::nadir_text(), nadir::all_commands(), {argv + 1, argv + argc}, surroundings);
 }

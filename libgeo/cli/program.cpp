@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <cstdlib>
 #include <filesystem>
 #include <functional>
 #include <ostream>
@@ -13,7 +14,6 @@
 #include "base/printable.hpp"
 #include "cli/nadir_version.hpp"
 #include "cli/options.hpp"
-#include "cli/terminal.hpp"
 
 namespace nadir {
 namespace {
@@ -111,7 +111,9 @@ int run_command(Command& command, const std::string& full_name, const std::vecto
     options.print_help(environment.out, command.summary(), command.details(), command.examples());
     return kAccepted;
   }
-  TerminalProgress progress(environment.err, environment.err_is_terminal && !quiet, environment.err_columns);
+  const bool bar_unwanted = quiet && environment.progress == ProgressStyle::bar;
+  TerminalProgress progress(environment.err, bar_unwanted ? ProgressStyle::none : environment.progress,
+                            environment.err_columns);
   Context context{environment.out, environment.err, environment.clock, progress, json, quiet};
   return command.run(context);
 }
@@ -175,6 +177,12 @@ int guarded(const std::string& name, const Environment& environment, const std::
 }
 
 }  // namespace
+
+ProgressStyle progress_style(bool err_is_terminal) {
+  const char* const wanted = std::getenv("NADIR_PROGRESS");  // NOLINT(concurrency-mt-unsafe): before any thread
+  if (wanted != nullptr && std::string_view(wanted) == "json") return ProgressStyle::json_lines;
+  return err_is_terminal ? ProgressStyle::bar : ProgressStyle::none;
+}
 
 int run_program(const ProgramText& text, const CommandList& commands, const std::vector<std::string>& args,
                 const Environment& environment) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "cli/command.hpp"
+#include "cli/terminal.hpp"
 
 namespace nadir {
 
@@ -22,9 +23,12 @@ struct Environment {
   std::ostream& out;
   std::ostream& err;
   const Clock& clock;
-  bool err_is_terminal = false;  // draws progress bars
+  ProgressStyle progress = ProgressStyle::none;  // on err
   int err_columns = 80;
 };
+
+// The style that suits: lines of JSON where the environment variable NADIR_PROGRESS is "json", a bar on a terminal.
+ProgressStyle progress_style(bool err_is_terminal);
 
 // args: without the program's own name. Never throws.
 int run_program(const ProgramText& text, const std::vector<std::unique_ptr<Command>>& commands,

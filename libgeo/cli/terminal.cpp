@@ -6,6 +6,7 @@
 #include <atomic>
 #include <cmath>
 #include <csignal>
+#include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "base/error.hpp"
@@ -48,8 +49,8 @@ void throw_if_interrupted() {
   if (interrupt_requested()) throw Interrupted();
 }
 
-TerminalProgress::TerminalProgress(std::ostream& err, bool draw, int columns)
-    : err_(err), draw_(draw), columns_(std::max(columns, 20)) {}
+TerminalProgress::TerminalProgress(std::ostream& err, ProgressStyle style, int columns)
+    : err_(err), style_(style), columns_(std::max(columns, 20)) {}
 
 TerminalProgress::~TerminalProgress() { end(); }
 
@@ -65,7 +66,7 @@ void TerminalProgress::begin(std::string_view label, std::uint64_t total, std::s
   running_ = true;
   started_ = std::chrono::steady_clock::now();
   drawn_ = started_;
-  if (draw_) draw_line();
+  draw();
 }
 
 void TerminalProgress::advance(std::uint64_t steps) {
@@ -73,9 +74,9 @@ void TerminalProgress::advance(std::uint64_t steps) {
     const std::lock_guard lock(mutex_);
     done_ += steps;
     const auto now = std::chrono::steady_clock::now();
-    if (draw_ && running_ && now - drawn_ >= kRedrawEvery) {
+    if (running_ && now - drawn_ >= kRedrawEvery) {
       drawn_ = now;
-      draw_line();
+      draw();
     }
     if (std::this_thread::get_id() != owner_) return;
   }
@@ -84,11 +85,22 @@ void TerminalProgress::advance(std::uint64_t steps) {
 
 void TerminalProgress::end() {
   const std::lock_guard lock(mutex_);
-  if (running_ && draw_) err_ << kEraseLine << std::flush;
+  if (running_ && style_ == ProgressStyle::bar) err_ << kEraseLine << std::flush;
+  if (running_ && style_ == ProgressStyle::json_lines) write_json();
   running_ = false;
 }
 
-void TerminalProgress::draw_line() {
+void TerminalProgress::draw() {
+  if (style_ == ProgressStyle::bar) draw_bar();
+  if (style_ == ProgressStyle::json_lines) write_json();
+}
+
+void TerminalProgress::write_json() {
+  const nlohmann::json state = {{"label", label_}, {"done", done_}, {"total", total_}, {"unit", unit_}};
+  err_ << nlohmann::json{{"progress", state}}.dump() + "\n" << std::flush;
+}
+
+void TerminalProgress::draw_bar() {
   const double elapsed_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started_).count();
   const double share = total_ == 0 ? 0.0 : std::min(1.0, static_cast<double>(done_) / static_cast<double>(total_));
   std::string tail = total_ == 0 ? fmt::format(" {} {}", done_, unit_) : fmt::format(" {}/{} {}", done_, total_, unit_);

@@ -21,11 +21,14 @@ void request_interrupt(bool wanted);  // for tests
 
 void throw_if_interrupted();  // throws Interrupted
 
+// How progress shows: not at all, as a bar on a terminal, or for another program, a line of JSON each time:
+//   {"progress":{"label":"warping","done":12,"total":100,"unit":"tiles"}}
+enum class ProgressStyle { none, bar, json_lines };
+
 // begin() and advance() throw Interrupted after Ctrl-C in the thread that called begin(); other threads only count.
 class TerminalProgress final : public Progress {
  public:
-  // draw = false: no bar, only the look at Ctrl-C.
-  TerminalProgress(std::ostream& err, bool draw, int columns);
+  TerminalProgress(std::ostream& err, ProgressStyle style, int columns);
   ~TerminalProgress() override;
 
   void begin(std::string_view label, std::uint64_t total, std::string_view unit) override;
@@ -33,10 +36,12 @@ class TerminalProgress final : public Progress {
   void end() override;
 
  private:
-  void draw_line();
+  void draw();
+  void draw_bar();
+  void write_json();
 
   std::ostream& err_;
-  bool draw_;
+  ProgressStyle style_;
   int columns_;
   std::mutex mutex_;
   std::thread::id owner_;

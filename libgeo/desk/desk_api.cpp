@@ -12,6 +12,7 @@
 #include "desk/desk_annotations.hpp"
 #include "desk/desk_documents.hpp"
 #include "desk/desk_imports.hpp"
+#include "desk/desk_missions.hpp"
 #include "desk/desk_page.hpp"
 #include "desk/desk_requests.hpp"
 #include "desk/desk_routes.hpp"
@@ -303,6 +304,7 @@ ApiResponse DeskApi::dispatch(const DeskRoute& route, const ApiRequest& request)
     if (request.method == "POST") return create(request);
     return list_answer("flights", desk_.list(), [](const FlightSummary& flight) { return flight_json(flight); });
   }
+  if (is_mission_path(route.path)) return mission_call(route, request, desk_);
   const std::shared_ptr<LiveFlight> flight = desk_.open(route.name);
   if (!flight) return not_found("flight", "there is no flight of this id");
   return flight_call(route, request, flight);

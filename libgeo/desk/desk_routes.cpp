@@ -23,10 +23,12 @@ bool lists(std::string_view list, std::string_view word, char separator) {
   return false;
 }
 
-// A path that takes JSON, by POST or PATCH, beside other methods.
+bool has_body(std::string_view method) { return method == "POST" || method == "PATCH" || method == "PUT"; }
+
+// A path that takes JSON beside other methods.
 DeskRoute with_json(DeskRoute route, DeskPath path, std::string_view methods, std::string_view method) {
   route.path = path, route.methods = methods;
-  if (method == "POST" || method == "PATCH") route.media = kJson, route.body_max = kMaxJsonBody;
+  if (has_body(method)) route.media = kJson, route.body_max = kMaxJsonBody;
   return route;
 }
 
@@ -112,6 +114,49 @@ std::optional<DeskRoute> import_route(const std::vector<std::string>& parts, std
   return route;
 }
 
+std::string tile_address(const std::vector<std::string>& parts, std::size_t from) {
+  return fmt::format("{}/{}/{}", parts[from], parts[from + 1], parts[from + 2]);
+}
+
+// /v1/missions/…
+std::optional<DeskRoute> mission_route(const std::vector<std::string>& parts, std::string_view method) {
+  DeskRoute route{.path = DeskPath::missions};
+  if (parts.size() == 2) return with_json(std::move(route), DeskPath::missions, "GET, HEAD, POST", method);
+  if (parts.size() == 3 && parts[2] == "import") {
+    return DeskRoute{.path = DeskPath::mission_import,
+                     .methods = "POST",
+                     .media = "application/octet-stream",
+                     .body_max = kMaxDrawingBody};
+  }
+  route.name = parts[2];
+  if (parts.size() == 3) {
+    route = with_json(std::move(route), DeskPath::mission, "GET, HEAD, PUT, DELETE", method);
+    if (route.body_max > 0) route.body_max = kMaxMissionBody;
+    return route;
+  }
+  const std::string& what = parts[3];
+  const bool alone = parts.size() == 4;
+  if (alone && what == "file") {
+    route.path = DeskPath::mission_file;
+  } else if (alone && what == "profile") {
+    route.path = DeskPath::mission_profile;
+  } else if (alone && what == "package") {
+    route.path = DeskPath::mission_package, route.methods = "DELETE";
+  } else if (alone && what == "jobs") {
+    return with_json(std::move(route), DeskPath::mission_jobs, "POST", method);
+  } else if (parts.size() == 5 && what == "jobs" && parts[4] == "latest") {
+    route.path = DeskPath::mission_job, route.methods = "GET, HEAD, DELETE";
+  } else if (parts.size() == 5 && what == "layers" &&
+             (parts[4] == "tiles" || parts[4] == "gaps" || parts[4] == "prediction")) {
+    route.path = DeskPath::mission_layer, route.tile = parts[4];
+  } else if (parts.size() == 7 && what == "tiles") {
+    route.path = DeskPath::mission_tile, route.tile = tile_address(parts, 4);
+  } else {
+    return std::nullopt;
+  }
+  return route;
+}
+
 }  // namespace
 
 std::optional<std::size_t> whole_number(std::string_view text) {
@@ -123,7 +168,7 @@ std::optional<std::size_t> whole_number(std::string_view text) {
 }
 
 std::optional<DeskRoute> desk_route(std::string_view path, std::string_view method, std::uint64_t picture_bytes) {
-  static constexpr std::array<std::pair<std::string_view, DeskPath>, 8> kPlain{{
+  static constexpr std::array<std::pair<std::string_view, DeskPath>, 14> kPlain{{
       {"/", DeskPath::page},
       {"/page.js", DeskPath::script},
       {"/page.css", DeskPath::style},
@@ -132,6 +177,12 @@ std::optional<DeskRoute> desk_route(std::string_view path, std::string_view meth
       {"/v1/health", DeskPath::health},
       {"/v1/openapi.json", DeskPath::contract},
       {"/v1/packages", DeskPath::packages},
+      {"/missions", DeskPath::missions_page},
+      {"/missions.js", DeskPath::missions_script},
+      {"/missions.css", DeskPath::missions_style},
+      {"/drawing.js", DeskPath::drawing_script},
+      {"/drawing.css", DeskPath::drawing_style},
+      {"/v1/planning", DeskPath::planning},
   }};
   for (const auto& [plain, leads_to] : kPlain) {
     if (path == plain) return DeskRoute{.path = leads_to};
@@ -145,10 +196,11 @@ std::optional<DeskRoute> desk_route(std::string_view path, std::string_view meth
     return route;
   }
   if ((*parts)[1] == "imports") return import_route(*parts, method, picture_bytes);
-  if ((*parts)[1] != "packages" || parts->size() != 7 || (*parts)[3] != "tiles") return std::nullopt;
-  return DeskRoute{.path = DeskPath::tile,
-                   .name = (*parts)[2],
-                   .tile = fmt::format("{}/{}/{}", (*parts)[4], (*parts)[5], (*parts)[6])};
+  if ((*parts)[1] == "missions") return mission_route(*parts, method);
+  const bool imagery = (*parts)[1] == "imagery";
+  if (parts->size() != 7 || (*parts)[3] != "tiles" || (!imagery && (*parts)[1] != "packages")) return std::nullopt;
+  return DeskRoute{
+      .path = imagery ? DeskPath::imagery_tile : DeskPath::tile, .name = (*parts)[2], .tile = tile_address(*parts, 4)};
 }
 
 std::optional<ApiResponse> refusal(const DeskRoute& route, const ApiRequest& header) {
@@ -158,7 +210,7 @@ std::optional<ApiResponse> refusal(const DeskRoute& route, const ApiRequest& hea
     response.headers.emplace_back("Allow", std::string(route.methods));
     return response;
   }
-  const bool takes_body = route.body_max > 0 && (header.method == "POST" || header.method == "PATCH");
+  const bool takes_body = route.body_max > 0 && has_body(header.method);
   if (header.other_encoding || (takes_body && !header.content_length)) {
     return answer({.status = 411, .type = "length", .detail = "send the body as it is, with Content-Length"});
   }
@@ -178,6 +230,11 @@ std::optional<ApiResponse> refusal(const DeskRoute& route, const ApiRequest& hea
 std::string lane_of(const DeskRoute& route) {
   switch (route.path) {
     case DeskPath::tile: return "tiles";
+    case DeskPath::imagery_tile: return "imagery " + route.name;
+    case DeskPath::planning:
+    case DeskPath::missions:
+    case DeskPath::mission_import: return "missions";
+    case DeskPath::mission_tile: return "mission tiles " + route.name;
     case DeskPath::packages: return "packages";
     case DeskPath::import_files:
     case DeskPath::import_flight:

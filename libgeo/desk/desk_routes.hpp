@@ -12,6 +12,8 @@
 namespace nadir {
 
 inline constexpr std::uint64_t kMaxJsonBody = 64 * 1024;
+inline constexpr std::uint64_t kMaxMissionBody = std::uint64_t{4} << 20;
+inline constexpr std::uint64_t kMaxDrawingBody = std::uint64_t{32} << 20;  // a plan or drawing of another program
 
 enum class DeskPath {
   page,
@@ -46,7 +48,24 @@ enum class DeskPath {
   sightings,
   sighting,
   complete,
-  export_track
+  export_track,
+  missions_page,
+  missions_script,
+  missions_style,
+  drawing_script,
+  drawing_style,
+  planning,  // from here on: is_mission_path()
+  imagery_tile,
+  missions,
+  mission_import,
+  mission,
+  mission_file,
+  mission_profile,
+  mission_tile,
+  mission_layer,
+  mission_jobs,
+  mission_job,
+  mission_package
 };
 
 struct DeskRoute {
@@ -54,8 +73,8 @@ struct DeskRoute {
   std::string_view methods = "GET, HEAD";
   std::string_view media{};  // of the body, separated by blanks; empty: there is none
   std::uint64_t body_max = 0;
-  std::string name{};     // of the flight, the package or the import
-  std::string tile{};     // "ZOOM/COLUMN/ROW"
+  std::string name{};     // of the flight, the package, the import, the mission or the raster
+  std::string tile{};     // "ZOOM/COLUMN/ROW", or the name of a layer
   std::size_t frame = 0;  // of a picture, a look or a footprint
   std::int64_t item = 0;  // a fix, an object or a segment
   std::int64_t part = 0;  // a sighting of an object

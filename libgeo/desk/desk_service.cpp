@@ -61,6 +61,8 @@ DeskOptions completed(DeskOptions options) {
   options.store.limits = options.limits.pictures;
   if (!options.judged_at) options.judged_at = [] { return SystemClock().now(); };
   if (!options.new_id) options.new_id = random_flight_id;
+  if (options.program.empty()) options.program = fs::read_symlink("/proc/self/exe");
+  options.sources.trust = options.trust;
   return options;
 }
 
@@ -81,6 +83,11 @@ DeskService::DeskService(DeskOptions options)
       lock_(lock_root(options_.root)),
       packages_(options_.root / kPackagesFolder, options_.trust, options_.judged_at),
       imports_(options_.root / kImportsFolder, options_.limits.imports, options_.new_id),
+      planning_({.root = options_.root,
+                 .sources = options_.sources,
+                 .program = options_.program,
+                 .now = options_.judged_at,
+                 .new_id = options_.new_id}),
       slots_(std::max<std::size_t>(1, options_.limits.engines)) {
   read_flights();
   resuming_ = std::jthread([this](const std::stop_token& stop) { resume_flights(stop); });

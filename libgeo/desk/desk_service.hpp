@@ -3,6 +3,7 @@
 //   ROOT/flights/ID/      a stored flight each (flights/flight_store.hpp)
 //   ROOT/packages/NAME/   map packages (package_registry.hpp)
 //   ROOT/imports/ID/      photos that are not a flight yet (photo_imports.hpp)
+//   ROOT/missions/ID/     missions that are being planned (planning/planning_room.hpp)
 //   ROOT/lock             held while a desk uses the folder
 //
 // Few flights are open at a time (DeskLimits::live_flights): one that is needed takes the place of the one that has
@@ -27,6 +28,7 @@
 #include "desk/live_flight.hpp"
 #include "desk/package_registry.hpp"
 #include "desk/photo_imports.hpp"
+#include "planning/planning_room.hpp"
 
 namespace nadir {
 
@@ -47,7 +49,9 @@ struct DeskOptions {
   std::function<UtcTime()> judged_at;   // the time as of which packages must be valid
   std::function<std::string()> new_id;  // 12 hexadecimal digits
   DeskLimits limits;
-  FlightStoreOptions store;  // its limits are those of `limits`
+  FlightStoreOptions store;       // its limits are those of `limits`
+  MapSourceOptions sources;       // of packages; its trust is `trust`
+  std::filesystem::path program;  // nadir, whose commands make packages; empty: this program itself
 };
 
 std::string random_flight_id();
@@ -97,6 +101,9 @@ class DeskService {
   std::vector<FlightSummary> list();  // the newest first
   FlightSummary summary(const LiveFlight& flight) const;
 
+  PlanningRoom& planning() { return planning_; }
+  UtcTime judged_at() const { return options_.judged_at(); }
+
   PhotoImports& imports() { return imports_; }
   // The photos of an import as a flight, whose camera is a draft where none is given. The import is removed then.
   // Throws as create() and PhotoImports::import(); when it is called again after that, or after a kill, it goes on.
@@ -118,6 +125,7 @@ class DeskService {
   FileDescriptor lock_;
   PackageRegistry packages_;
   PhotoImports imports_;
+  PlanningRoom planning_;
   EngineSlots slots_;
   mutable std::mutex mutex_;
   std::map<std::string, FlightSummary, std::less<>> known_;  // every flight, as it was when it was last open

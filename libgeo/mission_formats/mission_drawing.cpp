@@ -67,22 +67,13 @@ bool named_no_fly(const std::string& name) {
   return plain.starts_with("nofly") || plain.starts_with("nfz") || plain.starts_with("exclusion");
 }
 
-Mission usual_mission(const MissionImportOptions& options, std::set<std::string>& assumed) {
-  Mission mission;
-  mission.sequence = 1;
-  mission.created = UtcTime{options.today.unix_s / kSecondsPerDay * kSecondsPerDay};
-  mission.expires = UtcTime{mission.created.unix_s + 30 * kSecondsPerDay};
-  mission.zoom = {15, 19};
-  mission.min_resolution_m = 0.5;
-  mission.budget_mb = 500;
-  mission.freshness_days = {730, 90};
-  mission.airframes = {std::string(kAnyAirframe)};
-  mission.route.corridor_half_width_m = kUsualHalfWidth_m;
-  mission.route.agl_m = kUsualAgl_m;
-  assumed = {"expires",   "takeoff",        "terrain",   "zoom",  "min_resolution_m",
-             "budget_mb", "freshness_days", "airframes", "class", "corridor_half_width_m",
-             "agl_m"};
-  return mission;
+// What usual_mission() fills in.
+const std::set<std::string>& assumed_members() {
+  static const std::set<std::string> members{
+      "expires",   "takeoff",        "terrain",   "zoom",  "min_resolution_m",
+      "budget_mb", "freshness_days", "airframes", "class", "corridor_half_width_m",
+      "agl_m"};
+  return members;
 }
 
 // level_before: the mission that the drawing belongs to is flown at one height above ground.
@@ -183,6 +174,21 @@ void refuse_swapped(const std::vector<LonLat>& points, LonLat reference, const s
 
 }  // namespace
 
+Mission usual_mission(UtcTime today) {
+  Mission mission;
+  mission.sequence = 1;
+  mission.created = UtcTime{today.unix_s / kSecondsPerDay * kSecondsPerDay};
+  mission.expires = UtcTime{mission.created.unix_s + 30 * kSecondsPerDay};
+  mission.zoom = {15, 19};
+  mission.min_resolution_m = 0.5;
+  mission.budget_mb = 500;
+  mission.freshness_days = {730, 90};
+  mission.airframes = {std::string(kAnyAirframe)};
+  mission.route.corridor_half_width_m = kUsualHalfWidth_m;
+  mission.route.agl_m = kUsualAgl_m;
+  return mission;
+}
+
 bool looks_swapped(const std::vector<LonLat>& points, LonLat reference) {
   if (points.empty() || std::abs(reference.lat_deg) > 85) return false;
   std::vector<LonLat> exchanged;
@@ -211,7 +217,8 @@ ImportedMission mission_from_drawing(const MissionDrawing& drawing, const Missio
                         .where = where,
                         .fix = "give one: --id ID, or --mission FILE for all that the drawing does not state"});
     }
-    mission = usual_mission(options, assumed);
+    mission = usual_mission(options.today);
+    assumed = assumed_members();
   }
   const bool has_base = assumed.empty();
   if (has_base) {

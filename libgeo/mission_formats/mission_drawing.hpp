@@ -70,6 +70,9 @@ struct ImportedMission {
   Findings notes;
 };
 
+// Usual values, created on that day; without an id, a take-off point and ground.
+Mission usual_mission(UtcTime today);
+
 // Throws UsageError where it is unclear what is meant: several lines, no id, coordinates that lie the wrong way round.
 ImportedMission mission_from_drawing(const MissionDrawing& drawing, const MissionImportOptions& options,
                                      const std::string& where);

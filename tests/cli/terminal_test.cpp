@@ -16,7 +16,7 @@ namespace {
 
 TEST(TerminalProgress, IsSilentWhereThereIsNoTerminal) {
   std::ostringstream err;
-  TerminalProgress progress(err, false, 80);
+  TerminalProgress progress(err, ProgressStyle::none, 80);
   progress.begin("tiles", 2, "tiles");
   progress.advance(2);
   progress.end();
@@ -26,7 +26,7 @@ TEST(TerminalProgress, IsSilentWhereThereIsNoTerminal) {
 TEST(TerminalProgress, FitsTheLineAndEndsClean) {
   std::ostringstream err;
   {
-    TerminalProgress progress(err, true, 30);
+    TerminalProgress progress(err, ProgressStyle::bar, 30);
     progress.begin("a label that is longer than the line", 10, "tiles");
   }
   EXPECT_THAT(err.str(), ::testing::EndsWith("\r\x1b[2K"));
@@ -36,7 +36,7 @@ TEST(TerminalProgress, FitsTheLineAndEndsClean) {
 
 TEST(TerminalProgress, OtherThreadsOnlyCount) {
   std::ostringstream err;
-  TerminalProgress progress(err, false, 80);
+  TerminalProgress progress(err, ProgressStyle::none, 80);
   progress.begin("work", 4, "steps");
   request_interrupt(true);
   bool threw = false;

@@ -38,13 +38,14 @@ ALLOWED = {
     "verify_request": "base package cli",
     "nadird_client": "base http cli",
     "flight_import": "base geodesy imagery vision mavlink replay camera",
-    "desk": "base geodesy imagery package vision estimation adjustment flight_import flights flight_adjustment replay http cli report map_page",
+    "desk": "base geodesy imagery package vision estimation adjustment flight_import flights flight_adjustment replay http cli report map_page raster planning",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
     "raster": "base geodesy imagery package",
     "mission_formats": "base geodesy package raster",
     "navigability": "base geodesy imagery package vision raster",
     "package_build": "base geodesy imagery trust package vision ortho raster",
+    "planning": "base geodesy imagery trust package vision raster package_build mission_formats",
     "catalogue": "base geodesy package raster",
     "upload": "base imagery trust ortho",
     "candidates": "base geodesy imagery trust package ortho raster catalogue upload",
@@ -57,7 +58,7 @@ ALLOWED = {
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
     "commands": "base geodesy imagery trust package vision estimation adjustment ortho recorder flights flight_adjustment replay mavlink upload raster package_build "
-                "catalogue simulation provision flight_import mission_formats navigability cli report map_page verify_request nadird_client desk",
+                "catalogue simulation provision flight_import mission_formats navigability cli report map_page verify_request nadird_client desk planning",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }

@@ -55,12 +55,16 @@ arrive in batches, positions appear as they are processed, and a person helps wh
 DIR receives flights/, one folder per flight; packages are found in DIR/packages. Whatever was
 accepted is on the disk: the desk may be killed at any moment and goes on where it was.
 
+At /missions it is a planner's desk: missions are drawn, and built, signed, verified and predicted by
+the commands of this program, from the imagery, elevation models, cameras and keys named here.
+
 It does not speak TLS, and answers to loopback names only. Beyond this machine it needs a token, and
 a proxy that does speak TLS.)";
 }
 
 std::string_view DeskServeCommand::examples() const {
   return R"(nadir desk serve --root desk --trust root.json
+nadir desk serve --root desk --trust root.json --imagery imagery --camera camera.yaml --key planner.key.pem
 nadir desk serve --root desk --trust root.json --listen 0.0.0.0:8770 --token-file desk.token)";
 }
 
@@ -69,6 +73,12 @@ void DeskServeCommand::setup(Options& options) {
   options.value("--trust", desk_.trust, "FILE.json",
                 "root of trust for the packages' signatures; without it flights have no map");
   options.value("--at", at_, "TIME", "evaluate the packages' validity as of this time; the present by default");
+  options.values("--imagery", desk_.sources.imagery, "PATH",
+                 "raster, or folder of rasters, that packages may be made of; besides DIR/imagery");
+  options.values("--dem", desk_.sources.elevation, "PATH", "elevation model, or folder of them; besides DIR/elevation");
+  options.values("--camera", desk_.sources.cameras, "PATH", "camera file, or folder of them; besides DIR/cameras");
+  options.values("--key", desk_.sources.keys, "KEY.pem",
+                 "private key that packages may be signed with; only the command that signs reads it");
   options.value("--listen", listen_, "IP:PORT", "address of the page and the API; port 0 takes any free one");
   options.value("--token-file", token_file_, "FILE", "bearer token for callers; required to listen beyond loopback");
   options.value("--engines", engines_, "N", "flights that are processed at a time").between(1, 64);

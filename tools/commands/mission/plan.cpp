@@ -21,6 +21,7 @@
 #include "commands/commands.hpp"
 #include "package/mission.hpp"
 #include "package_build/build_estimate.hpp"
+#include "planning/planning_room.hpp"
 #include "raster/stretch.hpp"
 
 namespace nadir {
@@ -30,30 +31,6 @@ using nlohmann::json;
 
 std::string minutes_text(double seconds) {
   return seconds < 60 ? fmt::format("{:.0f} s", std::max(1.0, seconds)) : fmt::format("{:.1f} min", seconds / 60);
-}
-
-json json_from(const BuildEstimate& plan) {
-  json zooms = json::array(), sectors = json::array();
-  for (const ZoomEstimate& level : plan.zooms) {
-    zooms.push_back({{"zoom", level.zoom},
-                     {"tiles", level.tiles},
-                     {"required_tiles", level.required},
-                     {"bounding_box_tiles", level.box_tiles},
-                     {"megabytes", level.bytes / 1e6}});
-  }
-  for (const SectorEstimate& sector : plan.sectors) {
-    sectors.push_back({{"id", sector.id}, {"class", name_of(sector.cls)}, {"km2", sector.km2}});
-  }
-  return {{"zooms", zooms},
-          {"sectors", sectors},
-          {"route_km", plan.route_km},
-          {"corridor_km2", plan.corridor_km2},
-          {"needed_km2", plan.needed_km2},
-          {"tiles", plan.tiles},
-          {"squares", plan.squares},
-          {"sampled_squares", plan.sampled_squares},
-          {"required_tiles", plan.required},
-          {"megabytes", plan.bytes / 1e6}};
 }
 
 void print(std::ostream& out, const Mission& mission, const BuildEstimate& plan, const TileFormatFigures& figures,
@@ -157,7 +134,7 @@ int MissionPlanCommand::run(Context& context) {
   const double seconds = plan.cpu_seconds / threads;
   const Findings findings = check_estimate(mission, plan);
   if (context.json) {
-    json document = json_from(plan);
+    json document = estimate_json(plan);
     document["mission"] = mission.id;
     document["budget_mb"] = mission.budget_mb;
     document["tile_format"] = tile_format_;
