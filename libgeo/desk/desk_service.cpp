@@ -86,6 +86,7 @@ DeskService::DeskService(DeskOptions options)
       planning_({.root = options_.root,
                  .sources = options_.sources,
                  .program = options_.program,
+                 .at = options_.at,
                  .now = options_.judged_at,
                  .new_id = options_.new_id}),
       slots_(std::max<std::size_t>(1, options_.limits.engines)) {

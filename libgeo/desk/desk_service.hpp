@@ -50,6 +50,7 @@ struct DeskOptions {
   std::function<std::string()> new_id;  // 12 hexadecimal digits
   DeskLimits limits;
   FlightStoreOptions store;       // its limits are those of `limits`
+  std::optional<UtcTime> at;      // as of which commands evaluate packages; the present by default
   MapSourceOptions sources;       // of packages; its trust is `trust`
   std::filesystem::path program;  // nadir, whose commands make packages; empty: this program itself
 };

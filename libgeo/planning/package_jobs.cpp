@@ -9,6 +9,7 @@
 #include "base/files.hpp"
 #include "base/json.hpp"
 #include "base/printable.hpp"
+#include "package/manifest.hpp"
 #include "planning/child_program.hpp"
 
 namespace nadir {
@@ -128,7 +129,7 @@ std::string_view name_of(JobState state) {
   return "failed";
 }
 
-std::vector<std::string> command_of(const PackagePlan& plan, PackageStep step, bool resume) {
+std::vector<std::string> command_of(const PackagePlan& plan, PackageStep step, const PackageNow& now) {
   const std::string mission = plan.mission.string(), package = plan.package.string();
   std::vector<std::string> words;
   switch (step) {
@@ -142,17 +143,17 @@ std::vector<std::string> command_of(const PackagePlan& plan, PackageStep step, b
       add(words, "--dem", plan.elevation);
       words.insert(words.end(), {"--format", plan.container});
       add(words, "--out", plan.package);
-      if (resume) words.emplace_back("--resume");
+      if (now.interrupted_build) words.emplace_back("--resume");
       break;
     case PackageStep::index:
       words = {"cache", "index", package};
       add(words, "--camera", plan.camera);
-      add(words, "--key", plan.key);
+      if (now.is_signed) add(words, "--key", plan.key);
       break;
     case PackageStep::matchability:
-      words = {"cache", "matchability", package};
+      words = {"cache", "matchability", package, "--into-package"};
       add(words, "--camera", plan.camera);
-      add(words, "--key", plan.key);
+      if (now.is_signed) add(words, "--key", plan.key);
       break;
     case PackageStep::sign:
       words = {"cache", "sign", package};
@@ -170,6 +171,8 @@ std::vector<std::string> command_of(const PackagePlan& plan, PackageStep step, b
       add(words, "--out", plan.report / "prediction.geojson");
       break;
   }
+  const bool evaluates = step == PackageStep::build || step == PackageStep::verify || step == PackageStep::predict;
+  if (plan.at && evaluates) words.insert(words.end(), {"--at", to_rfc3339(*plan.at)});
   words.emplace_back("--json");
   return words;
 }
@@ -223,7 +226,7 @@ bool PackageJobs::start(const std::string& mission, PackagePlan plan) {
   job->mission = mission;
   job->number = before.is_object() ? before.value("number", std::int64_t{0}) + 1 : 1;
   for (const PackageStep step : plan.steps) {
-    std::vector<std::string> words = command_of(plan, step, false);
+    std::vector<std::string> words = command_of(plan, step, {});
     words.insert(words.begin(), "nadir");
     job->steps.push_back({.kind = step, .command = shell_text(words)});
   }
@@ -328,18 +331,20 @@ void PackageJobs::run_step(Job& job, std::size_t index, const std::stop_token& s
     const std::lock_guard lock(mutex_);
     return job.cancelled || stop.stop_requested();
   };
-  const auto run_once = [&](bool resume) {
-    ProgramCall call{.words = command_of(job.plan, step.kind, resume), .folder = folder_};
+  const auto run_once = [&](const PackageNow& now) {
+    ProgramCall call{.words = command_of(job.plan, step.kind, now), .folder = folder_};
     call.words.insert(call.words.begin(), program_.string());
     call.environment = {{"NADIR_PROGRESS", "json"}};
     return run_program_call(call, on_line, stopped);
   };
   std::optional<ProgramResult> result;
   try {
-    const bool resume = step.kind == PackageStep::build && fs::exists(folder_ / staging_of(job.plan.package));
-    if (!stopped()) result = run_once(resume);
+    PackageNow now{.interrupted_build = fs::exists(folder_ / staging_of(job.plan.package)),
+                   .is_signed = fs::exists(folder_ / job.plan.package / kSignatureFile)};
+    if (!stopped()) result = run_once(now);
     // What an interrupted build left may belong to other inputs; then it is of no use.
-    if (resume && result && result->exit_code == kExitFailed && !stopped()) result = run_once(false);
+    const bool useless = step.kind == PackageStep::build && now.interrupted_build;
+    if (useless && result && result->exit_code == kExitFailed && !stopped()) result = run_once({});
   } catch (const Error& error) {
     on_line(error.what());
     result = ProgramResult{.exit_code = kExitFailed, .out = {}};

@@ -21,6 +21,8 @@
 #include <thread>
 #include <vector>
 
+#include "base/time.hpp"
+
 namespace nadir {
 
 enum class PackageStep { estimate, build, index, matchability, sign, verify, predict };
@@ -38,10 +40,18 @@ struct PackagePlan {
   std::string tile_format = "jpeg";
   int quality = 75;
   std::string container = "mbtiles";
+  std::optional<UtcTime> at;  // of evaluation, instead of the present
 };
 
-// The arguments of the program. resume: an interrupted build has left its work.
-std::vector<std::string> command_of(const PackagePlan& plan, PackageStep step, bool resume);
+// What is there when a step begins: an interrupted build has left its work; the package is signed, so that a step that
+// changes it must sign it again.
+struct PackageNow {
+  bool interrupted_build = false;
+  bool is_signed = false;
+};
+
+// The arguments of the program.
+std::vector<std::string> command_of(const PackagePlan& plan, PackageStep step, const PackageNow& now);
 
 // As a shell takes it.
 std::string shell_text(const std::vector<std::string>& words);

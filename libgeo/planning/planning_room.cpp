@@ -224,7 +224,7 @@ PlanningRoom::Profile PlanningRoom::profile(const StoredMission& mission, const 
     if (!file) throw UsageError({.what = "there is no camera of this name", .found = *camera});
     model = read_camera_file(*file).camera;
   }
-  const auto of = [&](const GroundHeight& ground, std::string_view kind) {
+  const auto of = [&](const HeightOfGround& ground, std::string_view kind) {
     return Profile{profile_of(exact, ground, model ? &*model : nullptr, kProfileSamples), kind};
   };
   if (elevation) {
@@ -257,7 +257,8 @@ void PlanningRoom::start(const StoredMission& mission, const JobRequest& request
                    .trust = {},
                    .tile_format = request.tile_format,
                    .quality = request.quality,
-                   .container = request.container};
+                   .container = request.container,
+                   .at = options_.at};
   const auto named = [&](const std::optional<fs::path>& file, const char* kind, const std::string& name) {
     if (!file) throw UsageError({.what = fmt::format("there is no {} of this name", kind), .found = name});
     return seen_from(root, *file);

@@ -31,6 +31,7 @@ struct PlanningOptions {
   std::filesystem::path root;  // of the desk
   MapSourceOptions sources;
   std::filesystem::path program;  // nadir itself
+  std::optional<UtcTime> at;      // evaluate packages as of this time instead of the present
   std::size_t missions = 1000;
   std::function<UtcTime()> now;
   std::function<std::string()> new_id;

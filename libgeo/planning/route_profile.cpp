@@ -14,7 +14,7 @@ double stated_height_m(const Route& route, std::size_t leg, double share) {
   return route.heights_m[leg] + share * (route.heights_m[leg + 1] - route.heights_m[leg]);
 }
 
-ProfileSample sample_at(const Mission& mission, std::size_t leg, double share, const GroundHeight& ground,
+ProfileSample sample_at(const Mission& mission, std::size_t leg, double share, const HeightOfGround& ground,
                         const std::optional<double>& takeoff_m, const LonLat& place) {
   ProfileSample sample;
   sample.place = place;
@@ -33,7 +33,7 @@ ProfileSample sample_at(const Mission& mission, std::size_t leg, double share, c
 
 }  // namespace
 
-RouteProfile profile_of(const Mission& mission, const GroundHeight& ground, const CameraModel* camera,
+RouteProfile profile_of(const Mission& mission, const HeightOfGround& ground, const CameraModel* camera,
                         std::size_t samples) {
   RouteProfile profile;
   const LocalFrame frame = mission_frame(mission);

@@ -25,10 +25,10 @@ struct RouteProfile {
   std::vector<double> points_m;  // where the route's points lie along it
 };
 
-using GroundHeight = std::function<std::optional<double>(LonLat)>;
+using HeightOfGround = std::function<std::optional<double>(LonLat)>;
 
 // Even samples and the route's points: between the points the stated height changes evenly. Empty for an area alone.
-RouteProfile profile_of(const Mission& mission, const GroundHeight& ground, const CameraModel* camera,
+RouteProfile profile_of(const Mission& mission, const HeightOfGround& ground, const CameraModel* camera,
                         std::size_t samples);
 
 }  // namespace nadir

@@ -98,6 +98,7 @@ int DeskServeCommand::run(Context& context) {
   options.loopback = address.loopback();
   options.body_bytes = std::uint64_t{static_cast<unsigned>(body_mb_)} * 1'000'000;
   options.bodies_bytes = 4 * options.body_bytes;
+  desk_.at = at_;
   desk_.judged_at = [this, &context] { return evaluation_time(at_, context.clock); };
   desk_.limits.engines = static_cast<std::size_t>(engines_);
   desk_.limits.live_flights = static_cast<std::size_t>(live_flights_);
