@@ -140,7 +140,17 @@ ImportedDraft PlanningRoom::import(std::string_view file_name, ByteView bytes, c
   const WorkFolder work(missions_.folder_of(kWorkPrefix + options_.new_id()));
   const fs::path file = work.path() / ("drawing" + id_from(name.extension().string()));
   write_file_atomic(file, bytes);
-  const MissionDrawing drawing = read_mission_drawing(file, latitude_first);
+  const MissionDrawing drawing = [&] {
+    try {
+      return read_mission_drawing(file, latitude_first);
+    } catch (const OutOfSpace&) {
+      throw;
+    } catch (const Error& error) {  // what is wrong is the caller's file, whose path here is nobody's business
+      ErrorText text = error.text();
+      text.where = name.string();
+      throw UsageError(std::move(text));
+    }
+  }();
   MissionImportOptions options;
   options.id = id;
   options.route = route;

@@ -54,10 +54,15 @@ class Contract(support.EndToEnd):
         # The flight and the package that are there, so that more than 404 is seen. An event stream never ends.
         contract = json.loads((ROOT / "schemas" / "desk.openapi.json").read_text())
         unfinished = desk.json("POST", "/v1/imports", expect=201)["id"]
+        mission = desk.call("POST", "/v1/missions/import?name=mission.yaml", (desk.made / "world" / "mission.yaml").read_bytes(),
+                            {"Content-Type": "application/octet-stream"})
+        mission = json.loads(mission[2])["mission"]["id"]
         for path, item in contract["paths"].items():
             for parameter in item.get("parameters", []):
                 if parameter["name"] == "flight":
                     parameter["schema"] = {"type": "string", "enum": [flight.rsplit("/", 1)[1], "0123456789ab"]}
+                if parameter["name"] == "mission":
+                    parameter["schema"] = {"type": "string", "enum": [mission, "0123456789ab"]}
                 if parameter["name"] == "import":
                     parameter["schema"] = {"type": "string", "enum": [unfinished, "0123456789ab"]}
                 if parameter["name"] == "frame":
