@@ -89,7 +89,7 @@ int run(const std::vector<std::string>& args) {
   commands.push_back(make_sync_prune(around));
   const SystemClock clock;
   return run_program({"killed_sync", "nadir sync with a death wish", ""}, commands, args,
-                     {std::cout, std::cerr, clock, false, 80});
+                     {std::cout, std::cerr, clock, ProgressStyle::none, 80});
 }
 
 }  // namespace

@@ -26,5 +26,5 @@ int main(int argc, char** argv) {
   const bool terminal = isatty(STDERR_FILENO) == 1;
   const bool sized = terminal && ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
   return nadir::run_program(text, commands, {argv + 1, argv + argc},
-                            {std::cout, std::cerr, clock, terminal, sized ? size.ws_col : 80});
+                            {std::cout, std::cerr, clock, nadir::progress_style(terminal), sized ? size.ws_col : 80});
 }
