@@ -61,6 +61,12 @@ packages_test=(
   postgresql-15              # a real server, which the tests of the catalogue start and stop
   postgresql-15-postgis-3    # its geometries
 )
+packages_package=(
+  dpkg-dev                   # dpkg-shlibdeps: what a package depends on
+  file                       # CPack tells programs from other files by it
+  lintian                    # Debian's own judge of packages
+  mmdebstrap                 # a fresh Debian 12, in which --check installs them
+)
 packages_lint=(
   clang-format               # .clang-format
   clang-tidy-19              # 14 cannot parse libstdc++ 12's range views

@@ -118,6 +118,8 @@ void print_examples(std::ostream& out, std::string_view examples) {
 struct Option::State {
   CLI::Option* option;
   Options::Impl* owner;
+  bool free_text = false;
+  std::vector<std::string> choices{};
 };
 
 struct Options::Impl {
@@ -164,6 +166,7 @@ Option& Option::one_of(std::initializer_list<std::string_view> choices) {
         return fmt::format("\"{}\" is not one of {}", text, fmt::join(words, ", "));
       },
       ""));
+  state_->choices = words;
   state_->option->description(fmt::format("{} ({})", state_->option->get_description(), fmt::join(words, ", ")));
   return *this;
 }
@@ -203,7 +206,9 @@ Option Options::add(const Declaration& declared, Reader read) {
   option->expected(1, declared.many ? CLI::detail::expected_max_vector_size : 1);
   option->allow_extra_args(declared.many);
   option->multi_option_policy(declared.many ? CLI::MultiOptionPolicy::TakeAll : CLI::MultiOptionPolicy::Throw);
-  return Option(impl_->states.emplace_back(Option::State{option, impl_.get()}));
+  const bool free_text =
+      declared.form == option_text::form(std::string()) || declared.form == option_text::form(std::filesystem::path());
+  return Option(impl_->states.emplace_back(Option::State{option, impl_.get(), free_text}));
 }
 
 std::vector<std::string> Options::Impl::with_present_names(const std::vector<std::string>& args) const {
@@ -273,26 +278,54 @@ void print_entries(std::ostream& out, const std::vector<std::pair<std::string, s
   }
 }
 
-void Options::print_help(std::ostream& out, std::string_view summary, std::string_view details,
-                         std::string_view examples) const {
-  std::string usage = impl_->command;
-  std::vector<std::pair<std::string, std::string>> arguments, required, optional;
-  for (const CLI::Option* option : impl_->app.get_options()) {
-    const std::string title = Impl::title(*option) + (option->get_allow_extra_args() ? "..." : "");
-    std::string help = option->get_description();
-    if (!option->get_default_str().empty()) help += fmt::format(" [{}]", option->get_default_str());
-    if (option->get_positional()) {
-      usage += option->get_required() ? " " + title : " [" + title + "]";
-      arguments.emplace_back(title, help);
-    } else if (option->get_required()) {
-      usage += " " + title;
-      required.emplace_back(title, help);
-    } else {
-      optional.emplace_back(title, help);
+std::string OptionDescription::title() const {
+  const std::string named = positional || placeholder.empty() ? name : name + " " + placeholder;
+  return named + (many ? "..." : "");
+}
+
+std::string OptionDescription::explanation() const {
+  return shown_default.empty() ? help : fmt::format("{} [{}]", help, shown_default);
+}
+
+std::vector<OptionDescription> Options::described() const {
+  std::vector<OptionDescription> result;
+  for (const Option::State& state : impl_->states) {
+    const CLI::Option& option = *state.option;
+    result.push_back({.name = option.get_name(),
+                      .placeholder = option.get_type_size() == 0 ? std::string() : option.get_type_name(),
+                      .help = option.get_description(),
+                      .shown_default = option.get_default_str(),
+                      .choices = state.choices,
+                      .positional = option.get_positional(),
+                      .required = option.get_required(),
+                      .many = option.get_allow_extra_args(),
+                      .free_text = state.free_text && state.choices.empty()});
+  }
+  return result;
+}
+
+std::string usage_line(const std::string& command, const std::vector<OptionDescription>& options) {
+  std::string usage = command;
+  for (const OptionDescription& option : options) {
+    if (option.required) {
+      usage += " " + option.title();
+    } else if (option.positional) {
+      usage += " [" + option.title() + "]";
     }
   }
+  return usage + " [OPTIONS]";
+}
+
+void Options::print_help(std::ostream& out, std::string_view summary, std::string_view details,
+                         std::string_view examples) const {
+  std::vector<std::pair<std::string, std::string>> arguments, required, optional;
+  const std::vector<OptionDescription> options = described();
+  for (const OptionDescription& option : options) {
+    auto& section = option.positional ? arguments : option.required ? required : optional;
+    section.emplace_back(option.title(), option.explanation());
+  }
   optional.emplace_back("-h, --help", "show this help and exit");
-  out << impl_->command << ": " << summary << "\n\nUsage: " << wrapped(usage + " [OPTIONS]", 7) << '\n';
+  out << impl_->command << ": " << summary << "\n\nUsage: " << wrapped(usage_line(impl_->command, options), 7) << '\n';
   if (!details.empty()) out << '\n' << wrapped(details, 0) << '\n';
   const auto section = [&out](const char* title, const auto& entries) {
     if (entries.empty()) return;

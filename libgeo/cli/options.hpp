@@ -77,6 +77,21 @@ class Option {
   State* state_;
 };
 
+// What is known of a declared option: for --help, manual pages (manual_page.hpp) and completions (completions.hpp).
+struct OptionDescription {
+  std::string name;         // "--out"; the placeholder of a positional
+  std::string placeholder;  // empty for a flag
+  std::string help;         // with the choices, if there are any
+  std::string shown_default;
+  std::vector<std::string> choices;
+  bool positional = false, required = false;
+  bool many = false;       // several values may follow it
+  bool free_text = false;  // a path or a text, which may name a file: not a number, a time or a place
+
+  std::string title() const;        // "--out PACKAGE", "MISSION.yaml", "--imagery FILE..."
+  std::string explanation() const;  // the help with the default
+};
+
 class Options {
  public:
   struct Impl;
@@ -86,6 +101,9 @@ class Options {
   // Parses and stores the values; false when --help was asked for, which wins over everything that is wrong. Throws
   // UsageError.
   bool parse(const std::vector<std::string>& args);
+
+  // In the order of their declaration.
+  std::vector<OptionDescription> described() const;
 
   // Arguments, required and optional options, in that order; lines of at most 100 columns.
   void print_help(std::ostream& out, std::string_view summary, std::string_view details,
@@ -143,6 +161,9 @@ class Options {
 
 // The known word that was probably meant, or nothing.
 std::string nearest_word(const std::string& typed, const std::vector<std::string>& known);
+
+// "nadir cache build PACKAGE --out FILE [OPTIONS]": arguments, and the options that are required.
+std::string usage_line(const std::string& command, const std::vector<OptionDescription>& options);
 
 // Two columns; the right one is wrapped at 100 columns of the line.
 void print_entries(std::ostream& out, const std::vector<std::pair<std::string, std::string>>& entries);

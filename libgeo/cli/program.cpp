@@ -14,6 +14,7 @@
 #include "base/printable.hpp"
 #include "cli/nadir_version.hpp"
 #include "cli/options.hpp"
+#include "cli/program_model.hpp"
 
 namespace nadir {
 namespace {
@@ -103,20 +104,21 @@ Choice choose(const ProgramText& text, const CommandList& commands, const std::v
 int run_command(Command& command, const std::string& full_name, const std::vector<std::string>& args,
                 const Environment& environment) {
   Options options(full_name);
-  bool json = false, quiet = false;
-  command.setup(options);
-  if (command.offers_json()) options.flag("--json", json, "print the result as JSON");
-  options.flag("--quiet", quiet, "suppress progress and informational messages");
+  CommonOptions common;
+  declare(options, command, common);
   if (!options.parse(args)) {
     options.print_help(environment.out, command.summary(), command.details(), command.examples());
     return kAccepted;
   }
-  const bool bar_unwanted = quiet && environment.progress == ProgressStyle::bar;
+  const bool bar_unwanted = common.quiet && environment.progress == ProgressStyle::bar;
   TerminalProgress progress(environment.err, bar_unwanted ? ProgressStyle::none : environment.progress,
                             environment.err_columns);
-  Context context{environment.out, environment.err, environment.clock, progress, json, quiet};
+  Context context{environment.out, environment.err, environment.clock, progress, common.json, common.quiet};
   return command.run(context);
 }
+
+// Manual pages and completions for packages; --help does not show it.
+bool asks_pages(const std::vector<std::string>& args) { return args.size() == 2 && args[0] == "--write-pages"; }
 
 bool names_output(const std::vector<std::string>& args) {
   return std::any_of(args.begin(), args.end(),
@@ -187,6 +189,10 @@ ProgressStyle progress_style(bool err_is_terminal) {
 int run_program(const ProgramText& text, const CommandList& commands, const std::vector<std::string>& args,
                 const Environment& environment) {
   return guarded(text.name, environment, args, [&] {
+    if (asks_pages(args)) {
+      write_pages(describe_program(text, commands), args[1]);
+      return kAccepted;
+    }
     const Choice choice = choose(text, commands, args, environment.out);
     if (choice.command == nullptr) return kAccepted;
     const std::vector<std::string> rest(args.begin() + static_cast<std::ptrdiff_t>(choice.words), args.end());
@@ -199,6 +205,10 @@ int run_single_command(const std::string& name, Command& command, const std::vec
   return guarded(name, environment, args, [&] {
     if (args.size() == 1 && args[0] == "--version") {
       environment.out << name << ' ' << kVersion << '\n';
+      return kAccepted;
+    }
+    if (asks_pages(args)) {
+      write_pages(describe_single_command(name, command), args[1]);
       return kAccepted;
     }
     return run_command(command, name, args, environment);

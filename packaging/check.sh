@@ -1,0 +1,124 @@
+#!/usr/bin/env bash
+# packaging/check.sh PACKAGES: installs the Debian packages of a folder in a fresh Debian 12, uses them as docs/install.md
+# says, upgrades, removes and purges them. Needs root, mmdebstrap and Debian's mirror; what it makes lies below TMPDIR
+# and is removed. NADIR_MIRROR: another mirror.
+set -euo pipefail
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+packages=$(cd "${1:?usage: packaging/check.sh PACKAGES}" && pwd)
+[[ $(id -u) == 0 ]] || { echo "NOT TESTED: a fresh Debian 12: that takes root" >&2; exit 77; }
+command -v mmdebstrap >/dev/null || { echo "NOT TESTED: a fresh Debian 12: mmdebstrap is not installed" >&2; exit 77; }
+
+work=$(mktemp -d)
+trap 'umount -q "$work"/*/proc "$work"/*/dev 2>/dev/null || true; rm -rf --one-file-system -- "$work"' EXIT
+fail() { echo "check: $*" >&2; exit 1; }
+say() { echo "check: $*"; }
+
+mmdebstrap --quiet --variant=apt bookworm "$work/base.tar" "${NADIR_MIRROR:-http://deb.debian.org/debian}"
+fresh() { # NAME: a fresh system in $root
+  root=$work/$1
+  mkdir "$root"
+  tar -xf "$work/base.tar" -C "$root" --exclude='./dev/*'
+  mount --bind /dev "$root/dev"
+  mount -t proc proc "$root/proc"
+  cp /etc/resolv.conf "$root/etc/resolv.conf"
+  mkdir "$root/packages"
+  cp "$packages"/*.deb "$root/packages/"
+}
+inside() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root LC_ALL=C.UTF-8 DEBIAN_FRONTEND=noninteractive "$@"; }
+apt() { # quiet, unless it fails
+  inside apt-get -qq -y -o Dpkg::Use-Pty=0 --no-install-recommends "$@" >"$work/log" 2>&1 || { cat "$work/log" >&2; fail "apt-get $*"; }
+}
+installed() { inside dpkg-query -W -f='${Package}\n' | sort; }
+listing() { # every file but those of apt, dpkg, logs and locks
+  (cd "$root" && find . -xdev \( -path ./var/lib/dpkg -o -path ./var/lib/apt -o -path ./var/cache -o -path ./var/log -o -path ./packages -o -path ./run \
+    -o -path ./dev -o -path ./proc -o -name '*-' -path './etc/*' \) -prune -o -printf '%p\n' | LC_ALL=C sort)
+}
+
+# --- nadird -------------------------------------------------------------------------------------------------------------
+fresh nadird
+apt update
+installed >"$work/before"
+listing >"$work/files-before"
+
+# An older version first, so that there is an upgrade.
+new=$(echo "$packages"/nadird_*.deb)
+version=$(dpkg-deb -f "$new" Version)
+dpkg-deb -R "$new" "$work/older"
+sed -i 's/^Version: .*/Version: 0.0.9-1/' "$work/older/DEBIAN/control"
+echo '# of 0.0.9' >>"$work/older/etc/nadir/nadird.env"
+dpkg-deb -b "$work/older" "$root/packages/older.deb" >/dev/null
+apt install /packages/older.deb
+[[ $(inside stat -c '%U %a' /var/lib/nadir-flights) == "nadir 750" ]] || fail "no folder for recordings"
+[[ $(inside stat -c '%U %a' /etc/nadir/keys) == "root 700" ]] || fail "/etc/nadir/keys is not root's alone"
+inside test ! -e /etc/systemd/system/multi-user.target.wants/nadird.service || fail "nadird is enabled without configuration"
+inside install -d -o nadir -g nadir /var/lib/nadir
+inside sh -c 'echo memory >/var/lib/nadir/aircraft.json; echo "NADIRD_OPTIONS=--help" >>/etc/nadir/nadird.env; echo secret >/etc/nadir/keys/link.key'
+
+apt -o Dpkg::Options::=--force-confold install "/packages/${new##*/}"
+[[ $(inside nadird --version) == "nadird ${version%-*}" ]] || fail "nadird --version: $(inside nadird --version)"
+inside grep -q NADIRD_OPTIONS=--help /etc/nadir/nadird.env || fail "the upgrade lost the operator's configuration"
+inside test -e /var/lib/nadir/aircraft.json || fail "the upgrade lost the state"
+[[ $(inside nadird --check 2>&1 >/dev/null || echo "code $?") == *"--package PACKAGE is required"*"code 2" ]] || fail "nadird --check without a package"
+added=$(comm -13 "$work/before" <(installed) | grep -vx nadird)
+say "nadird installs $(wc -l <<<"$added") packages with it: $(tr '\n' ' ' <<<"$added")"
+# shellcheck disable=SC2086
+say "$(inside dpkg-query -W -f='${Installed-Size}\n' nadird $added | awk '{kib += $1} END {printf "%.0f MiB in all", kib / 1024}'), $(inside ldd /usr/bin/nadird | wc -l) libraries loaded"
+inside ldd /usr/bin/nadird | grep -E 'not found|gdal|libproj|libcurl' && fail "nadird loads what it must not"
+if command -v systemd-analyze >/dev/null; then
+  judged=$(systemd-analyze security --offline=yes --root="$root" --no-pager --threshold=17 nadird.service | tail -n 1) || fail "exposure: $judged"
+  say "systemd: $judged"
+else
+  say "NOT TESTED: the unit's exposure: systemd-analyze is not here"
+fi
+
+apt remove nadird
+inside test ! -e /usr/bin/nadird || fail "removed, but the program is still there"
+inside test -e /var/lib/nadir/aircraft.json -a -e /etc/nadir/nadird.env || fail "removing took state or configuration along"
+inside touch /var/lib/nadir-flights/flight.mcap
+apt purge nadird
+inside test ! -e /var/lib/nadir -a ! -e /etc/nadir/nadird.env || fail "purged, but state or configuration is still there"
+inside test -e /var/lib/nadir-flights/flight.mcap -a -e /etc/nadir/keys/link.key || fail "the purge took recordings or keys along"
+inside getent passwd nadir >/dev/null || fail "the purge removed the owner of the recordings"
+# Without data there is nothing to keep.
+inside rm /var/lib/nadir-flights/flight.mcap /etc/nadir/keys/link.key
+apt install "/packages/${new##*/}"
+apt purge nadird
+inside getent passwd nadir >/dev/null && fail "the user is still there after a purge without data"
+apt autoremove --purge
+left=$(comm -13 "$work/files-before" <(listing))
+[[ -z $left ]] || fail "left behind by a purge: $left"
+say "nadird: installed, upgraded, removed, purged; no file is left"
+
+# --- the images: their own steps, in a fresh system each ----------------------------------------------------------------
+image() { # NAME: the COPY and RUN of packaging/docker/NAME.Dockerfile
+  fresh "image-$1"
+  local line step=''
+  while IFS= read -r line; do
+    step+=${line%\\}
+    [[ $line == *\\ ]] && continue
+    case $step in
+      COPY*) mkdir -p "$root/tmp/packages" && cp "$packages"/*.deb "$root/tmp/packages/" ;;
+      RUN*)  inside sh -ec "${step#RUN }" >"$work/log" 2>&1 || { cat "$work/log" >&2; fail "$1.Dockerfile: ${step:0:60}…"; } ;;
+    esac
+    step=''
+  done <"$here/docker/$1.Dockerfile"
+}
+image nadird
+[[ $(inside nadird --version) == nadird* ]] || fail "the image of nadird does not run"
+say "image of nadird: $(du -sxm "$root" | cut -f1) MiB"
+image nadir
+[[ $(inside nadir --version) == nadir* ]] || fail "the image of nadir does not run"
+say "image of nadir: $(du -sxm "$root" | cut -f1) MiB"
+
+# --- planner and aircraft together: a package is built, signed, and accepted by nadird --check ----------------------------
+inside sh -ec "
+  cd /root
+  nadir simulate world --seed 7 --size-km 1 --gsd-m 0.5 --out world >/dev/null
+  nadir keys create --out signer >/dev/null && nadir keys create --out root >/dev/null
+  nadir keys root --root-key root.key.pem --package-signer signer.pub.pem --expires 2035-01-01 --out root.json >/dev/null
+  nadir cache build --mission world/mission.yaml --imagery world/map.tif --dem world/dem.tif --key signer.key.pem --out package >/dev/null
+  cp -r package root.json /tmp/" || fail "nadir does not build a package"
+cp -r "$root/root/package" "$root/root/root.json" "$work/image-nadird/root/"
+root=$work/image-nadird
+inside nadird --package /root/package --trust /root/root.json --check || fail "nadird --check rejects it"
+say "a package of the packaged nadir passes nadird --check"
