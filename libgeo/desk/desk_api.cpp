@@ -282,6 +282,13 @@ ApiResponse DeskApi::dispatch(const DeskRoute& route, const ApiRequest& request)
       return page_answer(fmt::format("{}{}{}{}{}{}", desk_page::dom, map_page::calls, map_page::base_map,
                                      map_page::flight_map, map_page::picture, desk_page::script),
                          "text/javascript; charset=utf-8");
+    case DeskPath::missions_page: return page_answer(desk_page::missions_html, "text/html; charset=utf-8");
+    case DeskPath::missions_style: return page_answer(desk_page::missions_style, "text/css; charset=utf-8");
+    case DeskPath::missions_script:
+      return page_answer(
+          fmt::format("{}{}{}{}", desk_page::dom, map_page::calls, map_page::base_map, desk_page::missions_script),
+          "text/javascript; charset=utf-8");
+    case DeskPath::drawing_script: return page_answer(map_page::drawing_script, "text/javascript; charset=utf-8");
     default: break;
   }
   if (route.path == DeskPath::health) {

@@ -53,6 +53,7 @@ json imagery_json(const ImagerySource& source) {
           {"gsd_m", source.gsd_m > 0 ? json(source.gsd_m) : json()},
           {"ce90_m", source.ce90_m > 0 ? json(source.ce90_m) : json()},
           {"provider", source.provider},
+          {"licence", source.licence},
           {"pixel_m", placed ? json(source.pixel_m) : json()},
           {"problem", source.problem.empty() ? json() : json(source.problem)}};
 }

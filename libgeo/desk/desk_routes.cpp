@@ -168,7 +168,7 @@ std::optional<std::size_t> whole_number(std::string_view text) {
 }
 
 std::optional<DeskRoute> desk_route(std::string_view path, std::string_view method, std::uint64_t picture_bytes) {
-  static constexpr std::array<std::pair<std::string_view, DeskPath>, 14> kPlain{{
+  static constexpr std::array<std::pair<std::string_view, DeskPath>, 13> kPlain{{
       {"/", DeskPath::page},
       {"/page.js", DeskPath::script},
       {"/page.css", DeskPath::style},
@@ -181,7 +181,6 @@ std::optional<DeskRoute> desk_route(std::string_view path, std::string_view meth
       {"/missions.js", DeskPath::missions_script},
       {"/missions.css", DeskPath::missions_style},
       {"/drawing.js", DeskPath::drawing_script},
-      {"/drawing.css", DeskPath::drawing_style},
       {"/v1/planning", DeskPath::planning},
   }};
   for (const auto& [plain, leads_to] : kPlain) {

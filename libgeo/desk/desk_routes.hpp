@@ -53,7 +53,6 @@ enum class DeskPath {
   missions_script,
   missions_style,
   drawing_script,
-  drawing_style,
   planning,  // from here on: is_mission_path()
   imagery_tile,
   missions,

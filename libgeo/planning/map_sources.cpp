@@ -3,9 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <functional>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "base/error.hpp"
+#include "base/files.hpp"
+#include "base/json.hpp"
 #include "planning/raster_tiles.hpp"
 #include "raster/elevation_model.hpp"
 #include "raster/imagery_input.hpp"
@@ -75,6 +78,21 @@ std::string problem_with(const std::function<void()>& read) {
   }
 }
 
+constexpr std::uint64_t kMaxItem = std::uint64_t{1} << 20;
+
+// Whoever reads it is a person: no package depends on it.
+std::string licence_of(const fs::path& raster) {
+  const fs::path file = stac_item_beside(raster);
+  std::error_code code;
+  if (!fs::is_regular_file(file, code)) return {};
+  const nlohmann::json item =
+      parse_json(read_text_file(file, kMaxItem), file.string(), {.max_depth = 32, .allow_floats = true});
+  const auto properties = item.find("properties");
+  if (properties == item.end() || !properties->is_object() || !properties->contains("license")) return {};
+  const nlohmann::json& licence = (*properties)["license"];
+  return licence.is_string() ? licence.get<std::string>() : std::string();
+}
+
 fs::file_time_type changed_at(const fs::path& file) {
   std::error_code code;
   return fs::last_write_time(file, code);
@@ -108,6 +126,7 @@ std::vector<ImagerySource> MapSources::imagery() const {
         const ImageryFacts facts = read_imagery_facts(path, {});
         source.captured_at = facts.captured_at, source.provider = facts.provider;
         source.gsd_m = facts.gsd_m, source.ce90_m = facts.ce90_m;
+        source.licence = licence_of(path);
       });
       seen = std::make_shared<const Seen>(std::move(fresh));
     }

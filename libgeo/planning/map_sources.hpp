@@ -33,6 +33,7 @@ struct ImagerySource {
   std::optional<UtcTime> captured_at;  // and the rest: of the STAC Item beside it
   double gsd_m = 0, ce90_m = 0;
   std::string provider;
+  std::string licence;  // "license" of the item's properties (STAC 1.1); empty: it does not say
   std::string problem;  // why no package can be made of it
 };
 

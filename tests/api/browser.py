@@ -94,6 +94,29 @@ class Browser:
         text = self.evaluate("document.body.innerText")
         raise TimeoutError(f"never true: {expression}\nThe page shows:\n{text}\nIts console: {self.complaints()}")
 
+    def mouse(self, *moves):
+        """As a hand does: each (kind, x, y) with kind "down", "up", "move" or "click", in pixels of the window."""
+        held = 0
+        for kind, x, y in moves:
+            for step in ("down", "up") if kind == "click" else (kind,):
+                held = {"down": 1, "up": 0}.get(step, held)
+                self._ask("Input.dispatchMouseEvent", {"type": {"down": "mousePressed", "up": "mouseReleased", "move": "mouseMoved"}[step], "x": x, "y": y,
+                                                       "button": "none" if step == "move" and not held else "left", "buttons": held, "clickCount": 0 if step == "move" else 1})
+
+    def press(self, *keys):
+        """Each key goes to what has the focus: a character, or a name such as "Enter" or "Shift+Tab"."""
+        codes = {"Enter": 13, "Tab": 9, "Escape": 27, "Backspace": 8, "Delete": 46, " ": 32, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
+        texts = {"Enter": "\r"}
+        for key in keys:
+            shift, name = key.startswith("Shift+"), key.removeprefix("Shift+")
+            text = texts.get(name, name if len(name) == 1 else "")
+            event = {"key": name, "code": name if len(name) > 1 else "", "modifiers": 8 if shift else 0, "windowsVirtualKeyCode": codes.get(name, ord(name.upper()) if len(name) == 1 else 0)}
+            self._ask("Input.dispatchKeyEvent", {"type": "keyDown" if text else "rawKeyDown", **event, **({"text": text} if text else {})})
+            self._ask("Input.dispatchKeyEvent", {"type": "keyUp", **event})
+
+    def type(self, text):
+        self._ask("Input.insertText", {"text": text})
+
     def barriers(self, axe):
         """What axe-core finds in the page that is a serious or critical barrier to some people: rule, element, and why."""
         self.evaluate(axe + "; undefined")

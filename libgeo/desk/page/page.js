@@ -1,25 +1,15 @@
 // Joins the parts. What is shown is live or marked as stale.
 
-const contactLimit = 6;   // s without a sign from the desk
 const eventsBefore = 300;  // that are read again when a flight is opened: its log, and whether it needs help
 const pageOfEstimates = 5000;
 
 const kinds = ["online", "refined", "adjusted"];
 
 let shown = null;  // the open flight: id, head, online estimates, tracks by kind, verdicts
-let lastContactAt = performance.now();
+const sign = makeContact(() => shown !== null);
 
 const map = makeFlightMap(byId("map"), { onFrame: (frame) => selectFrame(frame), onPlace: (lat, lon) => fixTools.onPlace(lat, lon),
                                          onObject: (id) => byId("objects").querySelector(`[data-sighting="${id}"]`)?.focus() });
-
-const showContact = () => {
-  const silence = (performance.now() - lastContactAt) / 1000, lost = silence > contactLimit;
-  document.body.classList.toggle("stale", lost);
-  byId("lost").hidden = !lost;
-  byId("lost").textContent = lost ? `No contact with the desk for ${duration(silence)}` : "";
-  byId("contact").textContent = lost ? "no contact" : shown ? "live" : "";
-};
-const sign = () => { lastContactAt = performance.now(); };
 
 // ---- The list
 
@@ -370,6 +360,12 @@ const closeFlight = () => {
 };
 const followAddress = () => {
   const id = location.hash.slice(1);
+  // From the missions' room: a flight with the package that was made there.
+  if (id.startsWith("package=")) {
+    packages = [];
+    refreshList().then(() => showCreate(decodeURIComponent(id.slice("package=".length)))).catch((error) => console.info(error.message));
+    return closeFlight();
+  }
   if (!/^[0-9a-f]{12}$/.test(id)) return closeFlight();
   openFlight(id).catch((error) => { console.info(error.message); location.hash = ""; });
 };
@@ -387,13 +383,15 @@ makePhotoImport({
   },
 });
 
-byId("new").addEventListener("click", () => {
+const showCreate = (chosen) => {
   byId("create-package").replaceChildren(element("option", { value: "" }, "none: odometry alone"),
     ...packages.filter((pack) => pack.accepted).map((pack) => element("option", { value: pack.name }, pack.name)));
   byId("create-package").selectedIndex = byId("create-package").length > 1 ? 1 : 0;
+  if (packages.some((pack) => pack.accepted && pack.name === chosen)) byId("create-package").value = chosen;
   byId("create-problem").textContent = "";
   byId("create").showModal();
-});
+};
+byId("new").addEventListener("click", () => showCreate(null));
 byId("create-form").addEventListener("submit", async (event) => {
   event.preventDefault();
   try {
@@ -414,15 +412,8 @@ byId("pictures-form").addEventListener("submit", (event) => {
   sendPictures(flight, byId("picture-files").files, byId("telemetry-file").files[0]).catch((problem) => { byId("upload").textContent = problem.message; });
 });
 
-const save = async (path, name) => {
-  const response = await call(`/v1/flights/${shown.id}/${path}`);
-  if (!response.ok) return;
-  const address = URL.createObjectURL(await response.blob());
-  element("a", { href: address, download: /filename="([^"]+)"/.exec(response.headers.get("Content-Disposition") ?? "")?.[1] ?? name }).click();
-  setTimeout(() => URL.revokeObjectURL(address), 10000);
-};
 for (const link of document.querySelectorAll("[data-export]")) {
-  link.addEventListener("click", () => save(link.dataset.export, shown.id).catch((error) => console.info(error.message)));
+  link.addEventListener("click", () => saveFile(`/v1/flights/${shown.id}/${link.dataset.export}`, shown.id).catch((error) => console.info(error.message)));
 }
 
 byId("home").addEventListener("click", (event) => { event.preventDefault(); location.hash = ""; });
@@ -469,6 +460,5 @@ document.addEventListener("keydown", (event) => {
   action();
 });
 window.addEventListener("hashchange", followAddress);
-setInterval(showContact, 500);
 followAddress();
 keepList();

@@ -1,11 +1,5 @@
 // The texts of the panel. Whatever comes from outside is set as text, never as HTML.
 
-const byId = (id) => document.getElementById(id);
-const words = (name) => name.replaceAll("_", " ");
-const metres = (value) => value === null || value === undefined ? "–" : (value < 10 ? value.toFixed(1) : value < 10000 ? Math.round(value).toString() : (value / 1000).toFixed(1) + " k") + " m";
-const duration = (seconds) => seconds < 100 ? Math.round(seconds) + " s" : Math.round(seconds / 60) + " min";
-const plural = (number, noun) => `${number} ${noun}${number === 1 ? "" : "s"}`;
-
 const sourceWords = { satellite_anchored: "matched with the map", vo_extrapolated: "visual odometry", dead_reckoned: "dead reckoning", no_fix: "not known" };
 const kindWords = { online: "as it came", refined: "refined", adjusted: "adjusted" };
 const verdictWords = {

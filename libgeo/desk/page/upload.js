@@ -10,21 +10,6 @@ const orderOf = (table) => {
   return new Map(column < 0 ? [] : rows.slice(1).map((row, i) => [row[column], i]));
 };
 
-// body: JSON, or a form.
-const callJson = async (method, path, body) => {
-  const plain = body === undefined || body instanceof FormData;
-  for (;;) {
-    const response = await call(path, plain ? {} : { "Content-Type": "application/json" }, undefined, { method, body: plain ? body : JSON.stringify(body) });
-    if (response.status === 401) { await askForToken(); continue; }
-    const answer = await response.json();
-    if (response.ok) return answer;
-    const problem = new Error([answer.detail, ...(answer.errors ?? []).map(({ pointer, detail }) => `${pointer} ${detail}`)].join("; "));
-    problem.status = response.status, problem.summary = answer.detail, problem.errors = answer.errors;
-    throw problem;
-  }
-};
-const postJson = (path, body) => callJson("POST", path, body);
-
 const sendPictures = async (flight, files, telemetryFile) => {
   const say = (text) => { byId("upload").textContent = text; };
   byId("refusals").replaceChildren();
