@@ -116,9 +116,9 @@ inside sh -ec "
   nadir simulate world --seed 7 --size-km 1 --gsd-m 0.5 --out world >/dev/null
   nadir keys create --out signer >/dev/null && nadir keys create --out root >/dev/null
   nadir keys root --root-key root.key.pem --package-signer signer.pub.pem --expires 2035-01-01 --out root.json >/dev/null
-  nadir cache build --mission world/mission.yaml --imagery world/map.tif --dem world/dem.tif --key signer.key.pem --out package >/dev/null
-  cp -r package root.json /tmp/" || fail "nadir does not build a package"
+  nadir cache build --mission world/mission.yaml --imagery world/map.tif --dem world/dem.tif --key signer.key.pem --trust root.json --out package >/dev/null" || fail "nadir does not build a package"
 cp -r "$root/root/package" "$root/root/root.json" "$work/image-nadird/root/"
+day=$(inside sed -n 's/^created: *"\?\([0-9-]*\).*/\1/p' /root/world/mission.yaml)
 root=$work/image-nadird
-inside nadird --package /root/package --trust /root/root.json --check || fail "nadird --check rejects it"
+inside nadird --at "$day" --package /root/package --trust /root/root.json --check || fail "nadird --check rejects it"
 say "a package of the packaged nadir passes nadird --check"

@@ -57,7 +57,7 @@ mount -t overlay -o lowerdir=/,upperdir="$1/upper",workdir="$1/work" none "$1/ro
 
 
 def pack(build, folder, epoch):
-    subprocess.run(["cpack", "--config", str(build / "CPackConfig.cmake"), "-D", "CPACK_COMPONENTS_ALL=nadird", "-B", str(folder)],
+    subprocess.run(["cpack", "--config", str(build / "CPackConfig.cmake"), "-D", "CPACK_COMPONENTS_ALL=nadird", "-D", "CPACK_DEBIAN_COMPRESSION_TYPE=gzip", "-B", str(folder)],
                    check=True, capture_output=True, env={**os.environ, "SOURCE_DATE_EPOCH": epoch})
     return next(folder.glob("nadird_*.deb"))
 
@@ -96,7 +96,7 @@ def check_in_copy(deb, folder):
     control.write_text(re.sub(r"^Version: .*", "Version: 0.0.9-1", control.read_text(), flags=re.M))
     with (older / "etc/nadir/nadird.env").open("a") as text:
         text.write("# of 0.0.9\n")
-    subprocess.run(["dpkg-deb", "-b", older, folder / "older.deb"], check=True, capture_output=True)
+    subprocess.run(["dpkg-deb", "-Znone", "-b", older, folder / "older.deb"], check=True, capture_output=True)
     tried = subprocess.run(["unshare", "-m", "sh", "-c", OVERLAY + 'exit 0', "sh", mount], capture_output=True, text=True)
     if tried.returncode != 0:
         return f"no overlay can be mounted here: {tried.stderr.strip()}"
