@@ -110,6 +110,9 @@ class MissionsPage(support.EndToEnd):
 
     def built(self, browser):
         """Waits for the job; every step is done, and the package is what the command line makes of the same file."""
+        browser.wait_for("!document.getElementById('cancel-job').hidden || " + TEXT.format("state") + " === 'signed'")
+        while (self.mission_of(browser)["job"] or {}).get("state") in ("waiting", "running"):
+            time.sleep(0.3)
         browser.wait_for(TEXT.format("state") + " === 'signed' && document.getElementById('cancel-job').hidden")
         mission = self.mission_of(browser)
         self.assertEqual([(step, "done") for step in STEPS], [(step["kind"], step["state"]) for step in mission["job"]["steps"]], mission["job"])
@@ -336,7 +339,7 @@ class MissionsPage(support.EndToEnd):
         browser.type("95")
         browser.press("Tab")
         browser.wait_for("document.querySelector('[data-points=route] li:nth-child(2) [data-axis=lat]').getAttribute('aria-invalid') === 'true'")
-        self.assertIn("found 95", browser.evaluate("document.querySelector('[data-points=route] li:nth-child(2) .at-member').textContent"))
+        self.assertIn("found \"95\"", browser.evaluate("document.querySelector('[data-points=route] li:nth-child(2) .at-member').textContent"))
         self.assertTrue(browser.evaluate("document.getElementById('run-steps').disabled"))
         self.click(browser, "#undo")
         browser.wait_for("document.querySelectorAll('#findings li.refuse').length === 0")

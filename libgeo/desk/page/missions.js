@@ -168,7 +168,7 @@ const showStored = () => {
 const refreshStored = async () => {
   const { id } = shown, stored = await getJson(`/v1/missions/${id}`);
   sign();
-  if (shown?.id !== id || !saving.clean()) return;
+  if (shown?.id !== id || !saving.clean() || JSON.stringify(stored) === JSON.stringify(shown.stored)) return;
   if (stored.revision !== shown.stored.revision) {
     addAction("changed elsewhere", shown.doc, stored.mission);
     byId("history-answer").textContent = "changed elsewhere, and shown as it is now; Undo brings your version back";
@@ -214,14 +214,16 @@ const keepUp = async () => {
           shown.stored.job = job;
           making.setJob(job);
           if (!isActive(job)) await refreshStored();
+          if (!isActive(job) && shown?.id === id) showStored();
         }
+      } else if (shown) {
+        await refreshStored();
       } else {
         const { missions } = await getJson("/v1/missions");
         sign();
-        if (!shown) showList(missions);
-        const mine = missions.find(({ id }) => id === shown?.id);
-        if (mine && saving.clean() && (mine.changed !== shown.stored.changed || mine.package !== Boolean(shown.stored.package) || mine.job)) await refreshStored();
-        if (!shown && round % 5 === 4) await refreshSources();
+        if (shown) continue;
+        showList(missions);
+        if (round % 5 === 4) await refreshSources();
       }
     } catch (error) {
       console.info(error.message);
