@@ -111,7 +111,7 @@ const map = makeMissionMap(byId("map"), {
     const single = name === "takeoff" || name === "circle";
     byId("draw-finish").hidden = single;
     byId("asking").textContent = problem ? problem : single ? `Click where the ${drawWords[name]} is, or move the map and press Enter.`
-      : count === 0 ? `Draw the ${drawWords[name]}: click its points, or move the map and press Enter for its middle.` : `${plural(count, "point")}. Click the last one again, or Finish, to end; Backspace takes it back.`;
+      : count === 0 ? `Draw the ${drawWords[name]}: click its points, or move the map and press Enter for its middle.` : `${plural(count, "point")}. Finish, or click the last one again; Backspace takes it back.`;
   },
 });
 const form = makeMissionForm({ edit, select, middle: map.middle, removePart: (shape) => edit(`${nameOf(shown.doc, shape)} removed`, (next) => removeShape(next, shape)) });
