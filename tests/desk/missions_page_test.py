@@ -63,6 +63,11 @@ class MissionsPage(support.EndToEnd):
     def mission_of(self, browser):
         return self.desk.json("GET", "/v1/missions/" + browser.evaluate("location.hash.slice(1)"), expect=200)
 
+    def finished(self, mission):
+        """A page is not waited for as long as a build may take on a loaded machine."""
+        while (self.desk.json("GET", f"/v1/missions/{mission}", expect=200)["job"] or {}).get("state") in ("waiting", "running"):
+            time.sleep(0.3)
+
     # ---- By mouse
 
     @staticmethod
@@ -110,6 +115,8 @@ class MissionsPage(support.EndToEnd):
 
     def built(self, browser):
         """Waits for the job; every step is done, and the package is what the command line makes of the same file."""
+        browser.wait_for("!document.getElementById('cancel-job').hidden || " + TEXT.format("state") + " === 'signed'")
+        self.finished(browser.evaluate("location.hash.slice(1)"))
         browser.wait_for(TEXT.format("state") + " === 'signed' && document.getElementById('cancel-job').hidden")
         mission = self.mission_of(browser)
         self.assertEqual([(step, "done") for step in STEPS], [(step["kind"], step["state"]) for step in mission["job"]["steps"]], mission["job"])
@@ -336,7 +343,7 @@ class MissionsPage(support.EndToEnd):
         browser.type("95")
         browser.press("Tab")
         browser.wait_for("document.querySelector('[data-points=route] li:nth-child(2) [data-axis=lat]').getAttribute('aria-invalid') === 'true'")
-        self.assertIn("found 95", browser.evaluate("document.querySelector('[data-points=route] li:nth-child(2) .at-member').textContent"))
+        self.assertIn("found \"95\"", browser.evaluate("document.querySelector('[data-points=route] li:nth-child(2) .at-member').textContent"))
         self.assertTrue(browser.evaluate("document.getElementById('run-steps').disabled"))
         self.click(browser, "#undo")
         browser.wait_for("document.querySelectorAll('#findings li.refuse').length === 0")
@@ -368,6 +375,7 @@ class MissionsPage(support.EndToEnd):
     def test_layers_barriers_and_windows(self):
         mission = self.imported("integrity: {alert_limit_m: 20}\n")
         self.desk.json("POST", f"/v1/missions/{mission['id']}/jobs", {"steps": STEPS, "imagery": ["map.tif"], "elevation": "dem.tif", "camera": "camera.yaml", "key": "signer.key.pem"}, 201)
+        self.finished(mission["id"])
         axe = find_axe()
         for size, (width, _, _) in self.sizes.items():
             browser = self.browse("", size)

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""The pictures of docs/put-photos-on-the-map.md, made in a real browser from the commands of that page.
+"""The pictures of docs/put-photos-on-the-map.md and docs/plan-a-mission.md, made in a real browser from the commands of these pages.
 
-usage: pictures.py PROJECT_ROOT FOLDER_OF_PROGRAMS [OUT]     OUT: docs/images by default
+usage: pictures.py PROJECT_ROOT FOLDER_OF_PROGRAMS [OUT [PAGE]…]     OUT: docs/images by default; all pages by default
 
 Needs chromium, and gdal_translate for JPEG.
 """
@@ -11,13 +11,14 @@ import re
 import subprocess
 import sys
 import tempfile
+import time
 
 ROOT, PROGRAMS = map(pathlib.Path, sys.argv[1:3])
 OUT = pathlib.Path(sys.argv[3]) if len(sys.argv) > 3 else ROOT / "docs" / "images"
 sys.path.insert(0, str(ROOT / "tests" / "api"))
 from browser import Browser, find_chromium  # noqa: E402
 
-PAGE = ROOT / "docs" / "put-photos-on-the-map.md"
+ONLY = sys.argv[4:]
 WIDTH, HEIGHT, QUALITY = 1280, 860, 72
 
 
@@ -37,29 +38,57 @@ def report(path, name):
     browser.close()
 
 
-def main():
-    if not find_chromium():
-        raise SystemExit("NOT RUN: no chromium")
-    blocks = re.findall(r"^```sh test\n(.*?)^```", PAGE.read_text(), re.M | re.S)
+def with_desk(page, take):
+    """Runs the commands of the page, and take(folder, address) while its desk is open."""
+    blocks = re.findall(r"^```sh test\n(.*?)^```", page.read_text(), re.M | re.S)
     with tempfile.TemporaryDirectory(prefix="nadir-pictures.") as name:
         folder = pathlib.Path(name)
         # The desk of the page stays open until this program has closed the pipe.
-        script = "".join(blocks) + 'echo "desk $url/#$id"\nread -r _ || true\n'
-        page = subprocess.Popen(["bash", "-euo", "pipefail", "-c", script], cwd=folder, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                env={**os.environ, "PATH": f"{PROGRAMS.resolve()}:{os.environ['PATH']}"})
-        address = next((line.split()[1] for line in page.stdout if line.startswith("desk http")), None)
-        if address is None:
-            raise SystemExit(f"the commands of {PAGE} end with {page.wait()}")
-        report(folder / "result" / "report.html", "photos-report")
-        report(folder / "wrong" / "report.html", "photos-no-fix")
-        browser = Browser(WIDTH, HEIGHT)
-        browser.open(address)
-        browser.wait_for("!document.getElementById('flight').hidden")
-        browser.wait_for("[...document.querySelectorAll('#flight img')].every((image) => image.naturalWidth > 0 || image.hidden)")
-        keep(browser, "photos-desk")
-        browser.close()
-        page.stdin.close()
-        page.wait()
+        script = "".join(blocks) + 'echo "desk $url $id"\nread -r _ || true\n'
+        running = subprocess.Popen(["bash", "-euo", "pipefail", "-c", script], cwd=folder, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                   env={**os.environ, "PATH": f"{PROGRAMS.resolve()}:{os.environ['PATH']}"})
+        found = next((line.split()[1:] for line in running.stdout if line.startswith("desk http")), None)
+        if found is None:
+            raise SystemExit(f"the commands of {page} end with {running.wait()}")
+        take(folder, *found)
+        running.stdin.close()
+        running.wait()
 
 
+def photos(folder, url, flight):
+    report(folder / "result" / "report.html", "photos-report")
+    report(folder / "wrong" / "report.html", "photos-no-fix")
+    browser = Browser(WIDTH, HEIGHT)
+    browser.open(f"{url}/#{flight}")
+    browser.wait_for("!document.getElementById('flight').hidden")
+    browser.wait_for("[...document.querySelectorAll('#flight img')].every((image) => image.naturalWidth > 0 || image.hidden)")
+    keep(browser, "photos-desk")
+    browser.close()
+
+
+def mission(folder, url, number):
+    browser = Browser(WIDTH, HEIGHT)
+    browser.open(f"{url}/missions#{number}")
+    browser.wait_for("document.querySelectorAll('#map .imagery-pane img[src]').length > 4 && document.getElementById('profile-text').textContent.includes('above ground')")
+    browser.evaluate("document.getElementById('layer-prediction').click(); document.querySelector('[data-points=route] li:nth-child(3) .number').click()")
+    time.sleep(2)  # tiles fade in
+    keep(browser, "mission-draw")
+    browser.evaluate("document.getElementById('layer-prediction').click(); document.querySelector('input[name=fact][value=matchability]').click(); document.getElementById('layers').scrollIntoView()")
+    browser.wait_for("!document.getElementById('legend').hidden")
+    time.sleep(2)
+    keep(browser, "mission-prediction")
+    browser.evaluate("document.getElementById('making').scrollIntoView(); document.querySelector('[data-step=sign] details').open = true")
+    keep(browser, "mission-package")
+    browser.close()
+
+
+def main():
+    if not find_chromium():
+        raise SystemExit("NOT RUN: no chromium")
+    for page, take in PAGES.items():
+        if not ONLY or page in ONLY:
+            with_desk(ROOT / "docs" / page, take)
+
+
+PAGES = {"put-photos-on-the-map.md": photos, "plan-a-mission.md": mission}
 main()

@@ -111,7 +111,7 @@ const map = makeMissionMap(byId("map"), {
     const single = name === "takeoff" || name === "circle";
     byId("draw-finish").hidden = single;
     byId("asking").textContent = problem ? problem : single ? `Click where the ${drawWords[name]} is, or move the map and press Enter.`
-      : count === 0 ? `Draw the ${drawWords[name]}: click its points, or move the map and press Enter for its middle.` : `${plural(count, "point")}. Click the last one again, or Finish, to end; Backspace takes it back.`;
+      : count === 0 ? `Draw the ${drawWords[name]}: click its points, or move the map and press Enter for its middle.` : `${plural(count, "point")}. Finish, or click the last one again; Backspace takes it back.`;
   },
 });
 const form = makeMissionForm({ edit, select, middle: map.middle, removePart: (shape) => edit(`${nameOf(shown.doc, shape)} removed`, (next) => removeShape(next, shape)) });
@@ -168,7 +168,7 @@ const showStored = () => {
 const refreshStored = async () => {
   const { id } = shown, stored = await getJson(`/v1/missions/${id}`);
   sign();
-  if (shown?.id !== id || !saving.clean()) return;
+  if (shown?.id !== id || !saving.clean() || JSON.stringify(stored) === JSON.stringify(shown.stored)) return;
   if (stored.revision !== shown.stored.revision) {
     addAction("changed elsewhere", shown.doc, stored.mission);
     byId("history-answer").textContent = "changed elsewhere, and shown as it is now; Undo brings your version back";
@@ -214,14 +214,16 @@ const keepUp = async () => {
           shown.stored.job = job;
           making.setJob(job);
           if (!isActive(job)) await refreshStored();
+          if (!isActive(job) && shown?.id === id) showStored();
         }
+      } else if (shown) {
+        await refreshStored();
       } else {
         const { missions } = await getJson("/v1/missions");
         sign();
-        if (!shown) showList(missions);
-        const mine = missions.find(({ id }) => id === shown?.id);
-        if (mine && saving.clean() && (mine.changed !== shown.stored.changed || mine.package !== Boolean(shown.stored.package) || mine.job)) await refreshStored();
-        if (!shown && round % 5 === 4) await refreshSources();
+        if (shown) continue;
+        showList(missions);
+        if (round % 5 === 4) await refreshSources();
       }
     } catch (error) {
       console.info(error.message);
