@@ -123,8 +123,7 @@ ApiResponse add_fix(const ApiRequest& request, LiveFlight& flight, const FlightG
   fix.hint = {fix.place, fix.radius_m};
   if (fix.pixel) {
     check_in_picture(store, *fix.frame, *fix.pixel);
-    const auto aircraft = aircraft_at(store.description().session.camera.camera, view_of(store, ground, *fix.frame),
-                                      *fix.pixel, fix.place, fix.sigma_m);
+    const auto aircraft = aircraft_at(view_of(store, ground, *fix.frame), *fix.pixel, fix.place, fix.sigma_m);
     if (!aircraft) {
       throw UsageError({.what = "this pixel shows no ground by the attitude that was measured",
                         .expected = "a point on the ground",
@@ -174,6 +173,7 @@ json object_json(const MarkedObject& object, const FlightStore& store, const Fli
                         {{"major_m", json_number(located.ellipse_95.major_m)},
                          {"minor_m", json_number(located.ellipse_95.minor_m)},
                          {"bearing_deg", json_number(located.ellipse_95.bearing_deg)}}},
+                       {"adjusted", placed->adjusted},
                        {"agrees", located.agrees},
                        {"worst", located.worst ? json(object.sightings.at(*located.worst).id) : json()}};
   return document;
@@ -319,13 +319,14 @@ ApiResponse footprint_call(const DeskRoute& route, const FlightStore& store, con
                 {"heading_deg", json_number(degrees(view.camera.pose.attitude.heading_rad))},
                 {"heading_sigma_deg", json_number(degrees(view.heading_sigma_rad))},
                 {"agl_m", json_number(view.camera.pose.agl_m)},
+                {"adjusted", view.adjusted},
                 {"picture", {{"width", camera.width}, {"height", camera.height}}},
                 {"corners", nullptr}};
   if (view.placed) {
     const LonLat at = ground.plane().lonlat_from_plane(view.camera.pose.position);
     document["position"] = {{"lat", json_number(at.lat_deg)}, {"lon", json_number(at.lon_deg)}};
   }
-  if (const auto corners = footprint(camera, view)) {
+  if (const auto corners = footprint(view)) {
     document["corners"] = json::array();
     for (const Eigen::Vector2d& corner : *corners)
       document["corners"].push_back({json_number(corner.x()), json_number(corner.y())});

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <numbers>
 
 namespace nadir {
 namespace {
@@ -19,9 +20,9 @@ constexpr double kMaxLogHeightSigma = 1.0;    // beyond it a height is unknown
 double squared(double x) { return x * x; }
 
 // Of a ray that goes down: where it meets level ground, east and north of the camera.
-std::optional<Eigen::Vector2d> offset_of(const CameraModel& camera, const FrameView& view,
-                                         const Eigen::Vector2d& pixel) {
-  const Eigen::Vector3d ray = (enu_from_camera(view.camera.pose.attitude) * camera.ray_from_pixel(pixel)).normalized();
+std::optional<Eigen::Vector2d> offset_of(const FrameView& view, const Eigen::Vector2d& pixel) {
+  const Eigen::Matrix3d enu = enu_from_camera(view.camera.pose.attitude);
+  const Eigen::Vector3d ray = (enu * view.lens.ray_from_pixel(pixel)).normalized();
   if (!ray.allFinite() || ray.z() > -kLeastDown) return std::nullopt;
   return Eigen::Vector2d(ray.head<2>() * (view.camera.pose.agl_m / -ray.z()));
 }
@@ -57,8 +58,28 @@ const GroundSurface& FlightGround::surface() const {
 }
 
 FrameView view_of(const FlightStore& store, const FlightGround& ground, std::size_t frame) {
+  const auto pose = store.adjusted_pose(frame);
+  const auto lens = store.adjusted_lens();
+  const auto adjusted = store.estimates(EstimateKind::adjusted, frame, 1);
+  if (!pose || !lens || adjusted.empty() || !adjusted.front().position) return processed_view_of(store, ground, frame);
   FrameView view;
-  const StateEstimate state = store.stored_frame(frame).online.state;
+  view.lens = lens->applied_to(store.description().session.camera.camera);
+  view.placed = view.adjusted = true;
+  view.kind = EstimateKind::adjusted;
+  view.camera.pose = {ground.plane().plane_from_lonlat(*adjusted.front().position), pose->agl_m, pose->attitude};
+  view.camera.covariance = pose->covariance;
+  const auto sigma = [&](int parameter) { return std::sqrt(std::max(0.0, pose->covariance(parameter, parameter))); };
+  view.agl_sigma_m = sigma(2);
+  view.tilt_sigma_rad = std::hypot(sigma(3), sigma(4)) / std::numbers::sqrt2;
+  view.heading_sigma_rad = sigma(5);  // about the optical axis
+  return view;
+}
+
+FrameView processed_view_of(const FlightStore& store, const FlightGround& ground, std::size_t frame) {
+  FrameView view;
+  view.lens = store.description().session.camera.camera;
+  StateEstimate state = store.stored_frame(frame).online.state;
+  if (const auto placed = store.placed_estimate(frame); placed && placed->state.agl_m > 0) state = placed->state;
   const Telemetry telemetry = store.picture(frame).telemetry;
   const double tilt_sigma_rad = store.description().session.camera.uncertainty.tilt_rad;
   CameraPose& pose = view.camera.pose;
@@ -82,22 +103,23 @@ FrameView view_of(const FlightStore& store, const FlightGround& ground, std::siz
   return view;
 }
 
-std::optional<std::array<Eigen::Vector2d, 4>> footprint(const CameraModel& camera, const FrameView& view) {
+std::optional<std::array<Eigen::Vector2d, 4>> footprint(const FrameView& view) {
+  const CameraModel& camera = view.lens;
   const double right = camera.width - 0.5, bottom = camera.height - 0.5;  // the outer edges of the last pixels
   const std::array<Eigen::Vector2d, 4> pixels{Eigen::Vector2d(-0.5, -0.5), Eigen::Vector2d(right, -0.5),
                                               Eigen::Vector2d(right, bottom), Eigen::Vector2d(-0.5, bottom)};
   std::array<Eigen::Vector2d, 4> corners;
   for (std::size_t i = 0; i < pixels.size(); ++i) {
-    const auto offset = offset_of(camera, view, pixels.at(i));
+    const auto offset = offset_of(view, pixels.at(i));
     if (!offset) return std::nullopt;
     corners.at(i) = *offset;
   }
   return corners;
 }
 
-std::optional<SearchHint> aircraft_at(const CameraModel& camera, const FrameView& view, const PixelPoint& pixel,
-                                      const LonLat& place, double sigma_m) {
-  const auto offset = offset_of(camera, view, {pixel.x, pixel.y});
+std::optional<SearchHint> aircraft_at(const FrameView& view, const PixelPoint& pixel, const LonLat& place,
+                                      double sigma_m) {
+  const auto offset = offset_of(view, {pixel.x, pixel.y});
   if (!offset) return std::nullopt;
   const double away_m = offset->norm(), agl_m = std::max(1.0, view.camera.pose.agl_m);
   const double variance_m2 = squared(sigma_m) + squared(away_m * std::min(view.heading_sigma_rad, kMostTurn_rad)) +
@@ -109,24 +131,32 @@ std::optional<SearchHint> aircraft_at(const CameraModel& camera, const FrameView
 
 std::variant<PlacedObject, std::string> place_of(const MarkedObject& object, const FlightStore& store,
                                                  const FlightGround& ground) {
-  std::map<std::size_t, std::size_t> index_of;  // frame number to its place in `frames`
-  std::vector<SightedFrame> frames;
+  std::map<std::size_t, std::size_t> index_of;  // frame number to its place in `numbers`
+  std::vector<std::size_t> numbers;
   std::vector<ObjectSighting> sightings;
   for (const MarkedSighting& marked : object.sightings) {
-    const auto [found, fresh] = index_of.emplace(marked.frame, frames.size());
-    if (fresh) {
-      const FrameView view = view_of(store, ground, marked.frame);
-      if (!view.placed) return fmt::format("the position of frame {} is not known", marked.frame);
-      frames.push_back(view.camera);
-    }
+    const auto [found, fresh] = index_of.emplace(marked.frame, numbers.size());
+    if (fresh) numbers.push_back(marked.frame);
     sightings.push_back({.frame = found->second, .pixel = {marked.pixel.x, marked.pixel.y}});
   }
+  std::vector<FrameView> views;
+  for (const std::size_t frame : numbers) views.push_back(view_of(store, ground, frame));
+  // One lens, and one kind of pose: adjusted ones have errors in common that the others do not share.
+  const bool adjusted = std::all_of(views.begin(), views.end(), [](const FrameView& view) { return view.adjusted; });
+  std::vector<SightedFrame> frames;
+  for (std::size_t i = 0; i < numbers.size(); ++i) {
+    if (!adjusted && views[i].adjusted) views[i] = processed_view_of(store, ground, numbers[i]);
+    if (!views[i].placed) return fmt::format("the position of frame {} is not known", numbers[i]);
+    frames.push_back(views[i].camera);
+  }
+  std::optional<Eigen::MatrixXd> joint;
+  if (adjusted) joint = store.adjusted_joint_covariance(numbers);
   const auto located =
-      place_object(store.description().session.camera.camera, ground.surface(), frames, sightings,
-                   std::max(parameters::adjustment::kTerrainSigma_m, ground.surface().relief_sigma_m()));
+      place_object(views.front().lens, ground.surface(), frames, sightings,
+                   std::max(parameters::adjustment::kTerrainSigma_m, ground.surface().relief_sigma_m()), joint);
   if (const auto* problem = std::get_if<LocationProblem>(&located)) return explained(*problem);
   const auto& placed = std::get<LocatedObject>(located);
-  return PlacedObject{ground.plane().lonlat_from_plane(placed.place), placed.height_m, placed};
+  return PlacedObject{ground.plane().lonlat_from_plane(placed.place), placed.height_m, placed, adjusted};
 }
 
 }  // namespace nadir

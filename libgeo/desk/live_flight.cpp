@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "base/error.hpp"
@@ -199,7 +200,7 @@ std::optional<UserFix> LiveFlight::withdraw_fix(std::int64_t id) {
 
 bool LiveFlight::take_back_merge(int segment) {
   const bool taken_back = store_->take_back_merge(segment, "desk", clock_());
-  ++changes_;
+  if (taken_back) wake();  // segments that were placed by this one may be placed in another way
   return taken_back;
 }
 
@@ -255,7 +256,14 @@ void LiveFlight::set(FlightActivity activity) {
   ++changes_;
 }
 
+// The event first: a kill between the two makes the same diagnosis again.
 void LiveFlight::keep_diagnosis(std::string text) {
+  const nlohmann::json body{{"diagnosis", text.empty() ? nlohmann::json() : nlohmann::json(text)}};
+  if (!text.empty() || !status().diagnosis.empty()) {
+    store_->append_event_once({FlightEventKind::diagnosis_changed, std::nullopt,
+                               body.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)},
+                              clock_());
+  }
   if (text.empty()) {
     std::error_code ignored;
     std::filesystem::remove(diagnosis_file_, ignored);
@@ -359,7 +367,7 @@ void LiveFlight::adjust(FlightEngine& engine, const Cancel& cancel) {
   const AdjustedFlight adjusted = adjust_flight(flight_to_adjust(*store_, engine, *setup_), progress, cancel);
   write_file_atomic(reconstruction_file_,
                     std::string_view(zip_archive(reconstruction_files(adjusted, setup_->camera.camera))));
-  store_->put_estimates(EstimateKind::adjusted, adjusted.estimates, refinement_events(adjusted), clock_());
+  store_->put_adjustment(adjusted.estimates, adjusted_poses(adjusted), refinement_events(adjusted), clock_());
 }
 
 void LiveFlight::work(const std::stop_token& stop, std::unique_ptr<FlightEngine>& engine) {

@@ -7,9 +7,9 @@
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
+#include "estimation/odometry_features.hpp"
 #include "geodesy/angles.hpp"
 #include "vision/feature_matching.hpp"
-#include "vision/sift_features.hpp"
 
 namespace nadir {
 namespace {
@@ -102,21 +102,15 @@ std::optional<MeasuredMotion> measure_motion(const OdometryFrame& before, const 
   return measured;
 }
 
-namespace {
-
-struct FrameFeatures {
-  OdometryFrame frame;  // without its image
-  SiftFeatures features;
-};
-
-FrameFeatures features_of(const OdometryFrame& frame) {
-  FrameFeatures result{at_working_size(frame), {}};
+OdometryFeatures odometry_features(const OdometryFrame& frame) {
+  OdometryFeatures result{at_working_size(frame), {}};
   result.features = sift_features(result.frame.grey, {kMaxFeatures, kOctaveLayers, kSiftContrast});
   result.frame.grey.release();
   return result;
 }
 
-PixelPairs matched_pixels(const SiftFeatures& before, const SiftFeatures& now) {
+PixelPairs similar_pixels(const OdometryFeatures& frame_before, const OdometryFeatures& frame_now) {
+  const SiftFeatures &before = frame_before.features, &now = frame_now.features;
   PixelPairs pairs;
   for (const FeatureMatch& match : unambiguous_matches(now.descriptors, before.descriptors, kMatchRatio)) {
     pairs.before.push_back(before.points[match.second]);
@@ -125,11 +119,13 @@ PixelPairs matched_pixels(const SiftFeatures& before, const SiftFeatures& now) {
   return pairs;
 }
 
+namespace {
+
 class FeatureOdometry final : public OdometryFrontEnd {
  public:
   std::optional<OdometryStep> track(const OdometryFrame& frame) override {
     before_last_ = std::move(last_);
-    last_ = std::exchange(now_, features_of(frame));
+    last_ = std::exchange(now_, odometry_features(frame));
     return motion_since(last_);
   }
 
@@ -142,13 +138,13 @@ class FeatureOdometry final : public OdometryFrontEnd {
   }
 
  private:
-  std::optional<OdometryStep> motion_since(const std::optional<FrameFeatures>& before) const {
+  std::optional<OdometryStep> motion_since(const std::optional<OdometryFeatures>& before) const {
     if (!before || !now_) return std::nullopt;
-    const auto measured = measure_motion(before->frame, now_->frame, matched_pixels(before->features, now_->features));
+    const auto measured = measure_motion(before->frame, now_->frame, similar_pixels(*before, *now_));
     return measured ? std::optional(measured->step) : std::nullopt;
   }
 
-  std::optional<FrameFeatures> now_, last_, before_last_;
+  std::optional<OdometryFeatures> now_, last_, before_last_;
 };
 
 }  // namespace

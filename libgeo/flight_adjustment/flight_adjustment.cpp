@@ -368,6 +368,28 @@ AdjustedFlight adjust_flight(const FlightToAdjust& flight, Progress& progress, c
   return result;
 }
 
+AdjustedPoses adjusted_poses(const AdjustedFlight& adjusted) {
+  AdjustedPoses poses;
+  const CameraSelfCalibration& calibration = adjusted.summary.calibration;
+  poses.lens = {calibration.log_focal.value, calibration.camera.distortion};
+  std::vector<std::optional<double>> shared_m(adjusted.estimates.size());  // of frames with a pose: σ of what all share
+  for (std::size_t i = 0; i < adjusted.estimates.size() && i < adjusted.block.frames.size(); ++i) {
+    const AdjustedFrame& frame = adjusted.block.frames[i];
+    const Estimate& estimate = adjusted.estimates[i];
+    if (!estimate.position || !frame.covariance) continue;
+    AdjustedPose& pose = poses.frames.emplace_back(i, frame.pose.attitude, frame.pose.agl_m, *frame.covariance);
+    const Eigen::Matrix2d own_m2 = frame.covariance->topLeftCorner<2, 2>();
+    shared_m[i] = std::sqrt(std::max(0.0, 0.5 * (estimate.covariance_m2 - own_m2).trace()));
+    pose.covariance.topLeftCorner<2, 2>() = estimate.covariance_m2;
+  }
+  for (const FrameCrossCovariance& cross : adjusted.block.cross_covariances) {
+    if (!shared_m[cross.a] || !shared_m[cross.b]) continue;
+    AdjustedPosePair& pair = poses.pairs.emplace_back(cross.a, cross.b, cross.covariance);
+    pair.covariance.topLeftCorner<2, 2>() += *shared_m[cross.a] * *shared_m[cross.b] * Eigen::Matrix2d::Identity();
+  }
+  return poses;
+}
+
 std::vector<StoredFlightEvent> refinement_events(const AdjustedFlight& adjusted) {
   std::vector<StoredFlightEvent> events;
   for (std::size_t i = 0; i < adjusted.estimates.size(); ++i) {

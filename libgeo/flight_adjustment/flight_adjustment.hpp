@@ -82,6 +82,10 @@ struct AdjustedFlight {
   AdjustedBlock block;  // its points are those of `ties`, then those of fixes
 };
 
+// For the store: attitudes, heights and lens of the frames that have an adjusted position, with covariances that
+// include the map's own error, as those of the estimates do. All frames share that error.
+AdjustedPoses adjusted_poses(const AdjustedFlight& adjusted);
+
 // For the store: that each frame that has an adjusted position has it.
 std::vector<StoredFlightEvent> refinement_events(const AdjustedFlight& adjusted);
 

@@ -25,7 +25,8 @@ constexpr const char* kLockFile = "lock";
 
 // SQLite keeps each statement as it stands here, and opening compares them: a changed blank is another version.
 // Columns in units of their names; lat_deg and lon_deg WGS 84; times in milliseconds since 1970, UTC.
-constexpr std::array kTables{
+constexpr std::int64_t kOldestVersion = 3;
+constexpr std::array kTablesOfVersion3{
     "CREATE TABLE flight (id INTEGER PRIMARY KEY CHECK (id = 1), name TEXT NOT NULL, package TEXT NOT NULL, "
     "camera TEXT NOT NULL, start_lat_deg REAL, start_lon_deg REAL, created_ms INTEGER NOT NULL, "
     "outside TEXT, session BLOB NOT NULL) STRICT",
@@ -64,6 +65,17 @@ constexpr std::array kTables{
     "CREATE TABLE event (id INTEGER PRIMARY KEY AUTOINCREMENT, time_ms INTEGER NOT NULL, kind TEXT NOT NULL, "
     "frame INTEGER, body TEXT NOT NULL) STRICT"};
 
+constexpr std::array kTablesOfVersion4{
+    "CREATE TABLE lens (id INTEGER PRIMARY KEY CHECK (id = 1), log_focal REAL NOT NULL, k1 REAL NOT NULL, "
+    "k2 REAL NOT NULL, p1 REAL NOT NULL, p2 REAL NOT NULL, k3 REAL NOT NULL) STRICT",
+    "CREATE TABLE pose (frame INTEGER PRIMARY KEY REFERENCES picture (frame), heading_deg REAL NOT NULL, "
+    "pitch_deg REAL NOT NULL, roll_deg REAL NOT NULL, agl_m REAL NOT NULL) STRICT",
+    "CREATE TABLE pose_covariance (frame INTEGER NOT NULL, other INTEGER NOT NULL, covariance BLOB NOT NULL, "
+    "PRIMARY KEY (frame, other)) STRICT, WITHOUT ROWID",
+
+    "CREATE TABLE merge_basis (segment INTEGER NOT NULL REFERENCES segment (segment), basis INTEGER NOT NULL "
+    "REFERENCES segment (segment), PRIMARY KEY (segment, basis)) STRICT, WITHOUT ROWID"};
+
 int take_lock(const fs::path& folder) {
   const fs::path path = folder / kLockFile;
   const int lock = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644);
@@ -87,8 +99,9 @@ std::int64_t pragma(const SqliteDatabase& database, const char* name) {
 
 bool is_empty(const SqliteDatabase& database) { return !database.prepare("SELECT 1 FROM sqlite_master").step(); }
 
-void check_tables(const SqliteDatabase& database) {
-  std::set<std::string> missing(kTables.begin(), kTables.end());
+void check_tables(const SqliteDatabase& database, std::int64_t version) {
+  std::set<std::string> missing(kTablesOfVersion3.begin(), kTablesOfVersion3.end());
+  if (version > kOldestVersion) missing.insert(kTablesOfVersion4.begin(), kTablesOfVersion4.end());
   auto rows = database.prepare(
       "SELECT sql FROM sqlite_master WHERE sql IS NOT NULL AND name NOT LIKE 'sqlite\\_%' "
       "ESCAPE '\\'");
@@ -100,20 +113,20 @@ void check_tables(const SqliteDatabase& database) {
   if (found.empty()) return;
   throw UsageError({.what = "this is not a flight as Nadir stores it",
                     .where = database.path().string(),
-                    .expected = fmt::format("the tables of version {}", kFlightStoreVersion),
+                    .expected = fmt::format("the tables of version {}", version),
                     .found = found,
                     .fix = "it was modified: get it from its origin"});
 }
 
-void check_version(const SqliteDatabase& database) {
+std::int64_t checked_version(const SqliteDatabase& database) {
   const std::int64_t version = pragma(database, "user_version");
   const bool ours = pragma(database, "application_id") == kApplication;
-  if (ours && version == kFlightStoreVersion) return;
+  if (ours && version >= kOldestVersion && version <= kFlightStoreVersion) return version;
   throw UsageError({.what = "this is not a flight of this version",
                     .where = database.path().string(),
-                    .expected = fmt::format("a flight of version {}", kFlightStoreVersion),
+                    .expected = fmt::format("a flight of version {} or {}", kOldestVersion, kFlightStoreVersion),
                     .found = ours ? fmt::format("version {}", version) : "another database",
-                    .fix = ours && version < kFlightStoreVersion
+                    .fix = ours && version < kOldestVersion
                                ? "export it with the nadir that created it, or process its pictures again in a new "
                                  "flight"
                                : "use the nadir that created it"});
@@ -137,8 +150,9 @@ FlightDatabase::FlightDatabase(const fs::path& folder, Access access, StoreSync 
   try {
     database_ = std::make_unique<SqliteDatabase>(SqliteDatabase::open_writable(folder / kFlightFile));
     if (access == Access::open) {
-      check_version(*database_);
-      check_tables(*database_);
+      const std::int64_t version = checked_version(*database_);
+      check_tables(*database_, version);
+      if (version < kFlightStoreVersion) add_new_tables();
     } else if (!is_empty(*database_)) {
       throw UsageError({.what = "there is a flight already",
                         .where = folder.string(),
@@ -170,7 +184,15 @@ bool FlightDatabase::exists(const fs::path& folder) {
 void FlightDatabase::create_tables() const {
   database_->execute(fmt::format("PRAGMA application_id = {}", kApplication));
   database_->execute(fmt::format("PRAGMA user_version = {}", kFlightStoreVersion));
-  for (const char* table : kTables) database_->execute(table);
+  for (const char* table : kTablesOfVersion3) database_->execute(table);
+  for (const char* table : kTablesOfVersion4) database_->execute(table);
+}
+
+void FlightDatabase::add_new_tables() const {
+  database_->transaction([&] {
+    for (const char* table : kTablesOfVersion4) database_->execute(table);
+    database_->execute(fmt::format("PRAGMA user_version = {}", kFlightStoreVersion));
+  });
 }
 
 void FlightDatabase::transaction(std::string_view name, const std::function<void()>& work) const {

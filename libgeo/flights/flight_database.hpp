@@ -1,7 +1,8 @@
 // The database of a stored flight: its tables and their version, and the lock of the one process that has it open.
 //
 // SQLite in WAL mode. Other tables than these, or a trigger or view beside them, are refused: a flight may come from
-// somebody else, and nothing of theirs runs here.
+// somebody else, and nothing of theirs runs here. A flight of version 3, which has no adjusted poses yet, becomes one
+// of this version when it is opened: it gets the tables that it lacks, empty.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +16,7 @@ namespace nadir {
 class SqliteDatabase;
 
 inline constexpr std::string_view kFlightFile = "flight.sqlite";
-inline constexpr std::int64_t kFlightStoreVersion = 3;
+inline constexpr std::int64_t kFlightStoreVersion = 4;
 
 enum class StoreSync {
   every_commit,  // survives a loss of power
@@ -49,6 +50,8 @@ class FlightDatabase {
   void transaction(std::string_view name, const std::function<void()>& work) const;
 
  private:
+  void add_new_tables() const;  // to a flight of the version before
+
   FlightCommitHook hook_;
   int lock_ = -1;
   std::unique_ptr<SqliteDatabase> database_;

@@ -9,6 +9,7 @@
 
 #include "base/error.hpp"
 #include "flights/recorded_vision.hpp"
+#include "flights/shared_ground.hpp"
 #include "imagery/codecs.hpp"
 #include "recorder/record_codec.hpp"
 #include "vision/camera_frame.hpp"
@@ -67,6 +68,7 @@ struct FlightEngine::Impl {
   FlightEngineOptions options;
   std::unique_ptr<Running> current;  // none after something went wrong in the middle of a frame
   std::unique_ptr<SegmentPlacer> placer;
+  std::unique_ptr<SharedGround> shared_ground;
 };
 
 FlightEngine::Impl::Running::Running(const Impl& engine) : segments(engine.setup.frame) {
@@ -194,21 +196,25 @@ bool FlightEngine::place_segments(SegmentPlacer::Scope scope, double seconds, co
   Impl& s = *impl_;
   if (s.setup.tiles == nullptr) return false;
   if (!s.placer) {
-    s.placer = std::make_unique<SegmentPlacer>(
-        s.store, PlacerSetup{.camera = s.camera,
-                             .frame = s.setup.frame,
-                             .tiles = *s.setup.tiles,
-                             .localizer = s.setup.localizer,
-                             .read = [&s](std::size_t frame) { return s.decode(s.store.read_picture(frame)); },
-                             .clock = s.options.clock});
+    const PlacerSetup setup{.camera = s.camera,
+                            .frame = s.setup.frame,
+                            .tiles = *s.setup.tiles,
+                            .localizer = s.setup.localizer,
+                            .read = [&s](std::size_t frame) { return s.decode(s.store.read_picture(frame)); },
+                            .clock = s.options.clock};
+    s.placer = std::make_unique<SegmentPlacer>(s.store, setup);
+    s.shared_ground = std::make_unique<SharedGround>(s.store, setup);
   }
   using std::chrono::steady_clock;
   const auto end = steady_clock::now() + std::chrono::duration<double>(seconds);
   bool merged = false, more = true;
   while (more && steady_clock::now() < end) {
-    const SegmentPlacer::Outcome outcome = s.placer->step(scope, cancel);
-    merged = merged || outcome == SegmentPlacer::Outcome::merged;
-    more = outcome != SegmentPlacer::Outcome::nothing_to_do;
+    PlacerOutcome outcome = s.placer->step(scope, cancel);
+    // By the pictures of others what the map alone cannot place; not while pictures wait, because it takes longer.
+    if (outcome == PlacerOutcome::nothing_to_do && scope == SegmentPlacer::Scope::all)
+      outcome = s.shared_ground->step(cancel);
+    merged = merged || outcome == PlacerOutcome::merged;
+    more = outcome != PlacerOutcome::nothing_to_do;
   }
   if (merged)
     s.store.put_estimates(EstimateKind::refined, s.running({}, cancel).localizer->refined(), {}, s.options.clock());

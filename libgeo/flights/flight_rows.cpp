@@ -301,6 +301,22 @@ std::vector<Estimate> FlightRows::estimates(EstimateKind kind, std::size_t first
   return estimates;
 }
 
+void FlightRows::replace_estimate(EstimateKind kind, std::size_t frame, const Estimate& estimate) const {
+  database_.prepare("DELETE FROM estimate WHERE kind = ? AND frame = ?")
+      .bind(1, name_of(kind))
+      .bind(2, signed_of(frame))
+      .run();
+  insert_estimate(kind, {frame, estimate, {}, {}}, nullptr);
+}
+
+std::optional<EstimateRecord> FlightRows::placed_estimate(std::size_t frame) const {
+  auto row = database_.prepare("SELECT record FROM estimate WHERE kind = 'placed' AND frame = ?");
+  if (!row.bind(1, signed_of(frame)).step()) return std::nullopt;
+  const auto record = decode(Topic::estimate, row.blob(0));
+  if (!record) refuse_damaged("an estimate that cannot be read");
+  return std::get<EstimateRecord>(*record);
+}
+
 std::vector<EstimateRecord> FlightRows::placed_estimates() const {
   std::vector<EstimateRecord> placed;
   auto rows = database_.prepare("SELECT record FROM estimate WHERE kind = 'placed' ORDER BY frame");
@@ -314,9 +330,20 @@ std::vector<EstimateRecord> FlightRows::placed_estimates() const {
 
 // ---- Segments and events
 
-void FlightRows::insert_merged_segment(const FlightSegment& segment, std::span<const EstimateRecord> placed) const {
+void FlightRows::insert_merged_segment(const FlightSegment& segment, std::span<const EstimateRecord> placed,
+                                       std::span<const int> basis) const {
   insert_segment(segment);
   for (const EstimateRecord& record : placed) insert_estimate(EstimateKind::placed, record, nullptr);
+  auto insert = database_.prepare("INSERT INTO merge_basis (segment, basis) VALUES (?, ?)");
+  for (const int each : basis) insert.bind(1, std::int64_t{segment.number}).bind(2, std::int64_t{each}).run();
+}
+
+std::vector<int> FlightRows::merged_on(int basis) const {
+  std::vector<int> merged;
+  auto rows = database_.prepare("SELECT segment FROM merge_basis WHERE basis = ? ORDER BY segment");
+  rows.bind(1, std::int64_t{basis});
+  while (rows.step()) merged.push_back(static_cast<int>(rows.integer(0)));
+  return merged;
 }
 
 void FlightRows::insert_segment(const FlightSegment& segment) const {
@@ -327,9 +354,12 @@ void FlightRows::insert_segment(const FlightSegment& segment) const {
       .bind(1, std::int64_t{segment.number})
       .bind(2, std::int64_t{segment.number})
       .run();
+  database_.prepare("DELETE FROM merge_basis WHERE segment = ?").bind(1, std::int64_t{segment.number}).run();
+  // Not REPLACE: it deletes the row that others' placements refer to.
   auto insert = database_.prepare(
-      "INSERT OR REPLACE INTO segment (segment, first_frame, last_frame, state, anchored_frame) "
-      "VALUES (?, ?, ?, ?, ?)");
+      "INSERT INTO segment (segment, first_frame, last_frame, state, anchored_frame) VALUES (?, ?, ?, ?, ?) "
+      "ON CONFLICT (segment) DO UPDATE SET first_frame = excluded.first_frame, last_frame = excluded.last_frame, "
+      "state = excluded.state, anchored_frame = excluded.anchored_frame");
   insert.bind(1, std::int64_t{segment.number}).bind(2, signed_of(segment.first_frame));
   insert.bind(3, signed_of(segment.last_frame)).bind(4, name_of(segment.state));
   if (segment.anchored_frame) {

@@ -119,11 +119,16 @@ class FlightRows {
   void replace_estimates(EstimateKind kind, std::span<const Estimate> estimates) const;
   // Of refined ones those of merged segments are the placed ones, whatever else was stored for their frames.
   std::vector<Estimate> estimates(EstimateKind kind, std::size_t first, std::size_t most) const;
-  std::vector<EstimateRecord> placed_estimates() const;  // by frame
+  std::vector<EstimateRecord> placed_estimates() const;  // by frame, with heading and height as they were placed
+  std::optional<EstimateRecord> placed_estimate(std::size_t frame) const;
+  void replace_estimate(EstimateKind kind, std::size_t frame, const Estimate& estimate) const;
 
   // Or replaces it: one that was merged and is something else again has no placed estimates any more.
   void insert_segment(const FlightSegment& segment) const;
-  void insert_merged_segment(const FlightSegment& segment, std::span<const EstimateRecord> placed) const;
+  // basis: segments that its placement rests on.
+  void insert_merged_segment(const FlightSegment& segment, std::span<const EstimateRecord> placed,
+                             std::span<const int> basis) const;
+  std::vector<int> merged_on(int basis) const;  // segments whose placement rests on this one
   std::vector<FlightSegment> segments() const;
 
   void insert_event(const StoredFlightEvent& event, UtcMillis now) const;

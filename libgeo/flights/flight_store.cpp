@@ -43,6 +43,7 @@ struct FlightStore::Impl {
         options(std::move(store_options)),
         file(std::move(flight_database)),
         rows(file->sql()),
+        poses(file->sql()),
         annotations(file->sql()) {}
 
   // The following expect `mutex` to be held.
@@ -54,6 +55,8 @@ struct FlightStore::Impl {
   void load();
   void remove_unknown_pictures() const;
   void insert_object_event(std::int64_t object, UtcMillis now);
+  void require_processed(EstimateKind kind, std::size_t estimates) const;
+  void release(FlightSegment merged, const nlohmann::json& why, std::optional<std::size_t> frame, UtcMillis now);
   // What is said now is for the frame after the one that is being processed.
   std::size_t next_frame() const { return begun ? *begun + 1 : processed; }
 
@@ -65,6 +68,7 @@ struct FlightStore::Impl {
   mutable std::mutex mutex;  // of all that follows
   std::unique_ptr<FlightDatabase> file;
   FlightRows rows;
+  PoseRows poses;
   FlightAnnotations annotations;
   FlightDescription description;
   std::optional<fs::path> outside;  // where the pictures lie that are not kept here
@@ -452,17 +456,33 @@ std::optional<MarkedObject> FlightStore::object(std::int64_t id) const {
 
 // ---- Estimates after the fact
 
+void FlightStore::Impl::require_processed(EstimateKind kind, std::size_t estimates) const {
+  if (kind != EstimateKind::online && kind != EstimateKind::placed && estimates <= processed) return;
+  throw Error({.what = "estimates are stored that belong to no processed frames",
+               .expected = fmt::format("refined or adjusted ones of at most {}", count(processed, "frame")),
+               .found = fmt::format("{} of {}", name_of(kind), count(estimates, "frame"))});
+}
+
+void FlightStore::put_adjustment(std::span<const Estimate> estimates, const AdjustedPoses& poses,
+                                 std::span<const StoredFlightEvent> events, UtcMillis now) {
+  Impl& s = *impl_;
+  const std::scoped_lock guard(s.mutex);
+  s.require_processed(EstimateKind::adjusted, estimates.size());
+  s.transaction("estimates", [&] {
+    s.rows.replace_estimates(EstimateKind::adjusted, estimates);
+    s.poses.replace(poses);
+    for (const StoredFlightEvent& event : events) s.rows.insert_event(event, now);
+  });
+}
+
 void FlightStore::put_estimates(EstimateKind kind, std::span<const Estimate> estimates,
                                 std::span<const StoredFlightEvent> events, UtcMillis now) {
   Impl& s = *impl_;
   const std::scoped_lock guard(s.mutex);
-  if (kind == EstimateKind::online || kind == EstimateKind::placed || estimates.size() > s.processed) {
-    throw Error({.what = "estimates are stored that belong to no processed frames",
-                 .expected = fmt::format("refined or adjusted ones of at most {}", count(s.processed, "frame")),
-                 .found = fmt::format("{} of {}", name_of(kind), count(estimates.size(), "frame"))});
-  }
+  s.require_processed(kind, estimates.size());
   s.transaction("estimates", [&] {
     s.rows.replace_estimates(kind, estimates);
+    if (kind == EstimateKind::adjusted) s.poses.remove_all();
     for (const StoredFlightEvent& event : events) s.rows.insert_event(event, now);
   });
 }
@@ -480,38 +500,90 @@ void FlightStore::append_event_once(const StoredFlightEvent& event, UtcMillis no
 }
 
 bool FlightStore::merge_segment(const FlightSegment& floating, std::span<const EstimateRecord> placed,
-                                const StoredFlightEvent& event, UtcMillis now) {
+                                const StoredFlightEvent& event, UtcMillis now, std::span<const int> basis) {
   Impl& s = *impl_;
   const std::scoped_lock guard(s.mutex);
   const auto segments = s.rows.segments();
+  const auto holds = [&](int number) {
+    return std::any_of(segments.begin(), segments.end(), [&](const FlightSegment& segment) {
+      return segment.number == number && segment.state != SegmentState::floating;
+    });
+  };
   if (std::find(segments.begin(), segments.end(), floating) == segments.end() ||
-      floating.state != SegmentState::floating ||
+      floating.state != SegmentState::floating || !std::all_of(basis.begin(), basis.end(), holds) ||
       s.rows.has_event(FlightEventKind::merge_withdrawn, floating.first_frame)) {
     return false;
   }
   FlightSegment merged = floating;
   merged.state = SegmentState::merged;
   s.transaction("merge", [&] {
-    s.rows.insert_merged_segment(merged, placed);
+    s.rows.insert_merged_segment(merged, placed, basis);
     s.rows.insert_event(event, now);
   });
   return true;
 }
 
+// It floats again, and where the flight was adjusted with it, its frames are where they are without the placement.
+void FlightStore::Impl::release(FlightSegment merged, const nlohmann::json& why, std::optional<std::size_t> frame,
+                                UtcMillis now) {
+  merged.state = SegmentState::floating;
+  rows.insert_segment(merged);
+  for (std::size_t i = merged.first_frame; i <= merged.last_frame && i < processed; ++i) {
+    const auto adjusted = rows.estimates(EstimateKind::adjusted, i, 1);
+    const auto refined = rows.estimates(EstimateKind::refined, i, 1);
+    if (adjusted.empty() || refined.empty() || refined.front().segment != merged.number) continue;
+    rows.replace_estimate(EstimateKind::adjusted, i, refined.front());
+    poses.remove(i);
+  }
+  rows.insert_event({FlightEventKind::merge_withdrawn, frame, json_text(why)}, now);
+}
+
 bool FlightStore::take_back_merge(int segment, std::string_view by, UtcMillis now) {
   Impl& s = *impl_;
   const std::scoped_lock guard(s.mutex);
-  for (FlightSegment& merged : s.rows.segments()) {
-    if (merged.number != segment || merged.state != SegmentState::merged) continue;
-    merged.state = SegmentState::floating;
-    s.transaction("release", [&] {
-      s.rows.insert_segment(merged);
-      const nlohmann::json body{{"segment", segment}, {"by", printable(by.substr(0, 255))}};
-      s.rows.insert_event({FlightEventKind::merge_withdrawn, merged.first_frame, json_text(body)}, now);
+  const std::vector<FlightSegment> segments = s.rows.segments();
+  const auto merged_one = [&](int number) {
+    return std::find_if(segments.begin(), segments.end(), [&](const FlightSegment& each) {
+      return each.number == number && each.state == SegmentState::merged;
     });
-    return true;
-  }
-  return false;
+  };
+  const auto taken = merged_one(segment);
+  if (taken == segments.end()) return false;
+  s.transaction("release", [&] {
+    std::vector<int> left = s.rows.merged_on(segment);
+    s.release(*taken, {{"segment", segment}, {"by", printable(by.substr(0, 255))}}, taken->first_frame, now);
+    std::set<int> done{segment};
+    while (!left.empty()) {
+      const int number = left.back();
+      left.pop_back();
+      const auto dependent = merged_one(number);
+      if (dependent == segments.end() || !done.insert(number).second) continue;
+      const std::vector<int> further = s.rows.merged_on(number);
+      left.insert(left.end(), further.begin(), further.end());
+      s.release(*dependent, {{"segment", number}, {"placed_by", segment}}, std::nullopt, now);
+    }
+  });
+  return true;
+}
+
+std::optional<EstimateRecord> FlightStore::placed_estimate(std::size_t frame) const {
+  const std::scoped_lock guard(impl_->mutex);
+  return impl_->rows.placed_estimate(frame);
+}
+
+std::optional<AdjustedPose> FlightStore::adjusted_pose(std::size_t frame) const {
+  const std::scoped_lock guard(impl_->mutex);
+  return impl_->poses.pose(frame);
+}
+
+std::optional<Eigen::MatrixXd> FlightStore::adjusted_joint_covariance(const std::vector<std::size_t>& frames) const {
+  const std::scoped_lock guard(impl_->mutex);
+  return impl_->poses.joint_covariance(frames);
+}
+
+std::optional<AdjustedLens> FlightStore::adjusted_lens() const {
+  const std::scoped_lock guard(impl_->mutex);
+  return impl_->poses.lens();
 }
 
 bool FlightStore::merge_taken_back(const FlightSegment& segment) const {

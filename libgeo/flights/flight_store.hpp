@@ -4,6 +4,7 @@
 //   pictures      every picture that was offered: accepted (it has a frame number), processed, or refused and why
 //   measurements  what vision found in a frame (recorded_vision.hpp)
 //   estimates     where each frame was: online as it was processed, refined with the whole flight, adjusted
+//   poses         attitudes, heights and the lens by the adjustment (adjusted_poses.hpp)
 //   segments      stretches over which odometry did not break (segment_tracker.hpp)
 //   fixes         where a person said that a frame was taken (flight_annotations.hpp)
 //   objects       what a person marked in the pictures
@@ -31,6 +32,7 @@
 #include "base/time.hpp"
 #include "estimation/estimate.hpp"
 #include "estimation/telemetry.hpp"
+#include "flights/adjusted_poses.hpp"
 #include "flights/flight_annotations.hpp"
 #include "flights/flight_database.hpp"
 #include "flights/flight_rows.hpp"
@@ -123,26 +125,36 @@ class FlightStore {
   bool remove_object(std::int64_t id, UtcMillis now);
   bool remove_sighting(std::int64_t object, std::int64_t sighting, UtcMillis now);  // UsageError: it is the last one
 
-  // All frames' estimates of a kind other than online; they replace those of that kind. events: appended.
+  // All frames' estimates of a kind other than online; they replace those of that kind. events: appended. Adjusted ones
+  // have no poses then.
   void put_estimates(EstimateKind kind, std::span<const Estimate> estimates, std::span<const StoredFlightEvent> events,
                      UtcMillis now);
+  // Adjusted estimates, and the poses that belong to them, in one transaction.
+  void put_adjustment(std::span<const Estimate> estimates, const AdjustedPoses& poses,
+                      std::span<const StoredFlightEvent> events, UtcMillis now);
   void append_event(const StoredFlightEvent& event, UtcMillis now);
   // Unless the same one was appended before: for what is done again after a kill.
   void append_event_once(const StoredFlightEvent& event, UtcMillis now);
 
   // A floating segment was placed as a whole (segment_placement.hpp): estimates of all of its frames, which are shown
-  // as refined ones from now on. False, and nothing is stored: it has changed meanwhile, or a person has taken it back.
+  // as refined ones from now on. basis: segments that it was placed by, by ground that both show. False, and nothing is
+  // stored: it has changed meanwhile, so has one of these, or a person has taken it back.
   bool merge_segment(const FlightSegment& floating, std::span<const EstimateRecord> placed,
-                     const StoredFlightEvent& event, UtcMillis now);
-  // A person says that it is wrong: the segment floats again, for ever. False: it is not merged.
+                     const StoredFlightEvent& event, UtcMillis now, std::span<const int> basis = {});
+  // A person says that it is wrong: the segment floats again, for ever. Segments that were placed by it float again as
+  // well, until they are placed in another way. False: it is not merged.
   bool take_back_merge(int segment, std::string_view by, UtcMillis now);
   bool merge_taken_back(const FlightSegment& segment) const;
   std::vector<EstimateRecord> placed_estimates() const;  // of merged segments, by frame
+  std::optional<EstimateRecord> placed_estimate(std::size_t frame) const;
 
   // ---- Reading
 
   // By frame, from the first one that is asked for.
   std::vector<Estimate> estimates(EstimateKind kind, std::size_t first = 0, std::size_t most = SIZE_MAX) const;
+  std::optional<AdjustedPose> adjusted_pose(std::size_t frame) const;
+  std::optional<Eigen::MatrixXd> adjusted_joint_covariance(const std::vector<std::size_t>& frames) const;
+  std::optional<AdjustedLens> adjusted_lens() const;
   std::vector<FlightSegment> segments() const;
   std::vector<UserFix> fixes() const;  // by number, withdrawn ones too
   std::vector<MarkedObject> objects() const;

@@ -368,9 +368,13 @@ void SegmentPlacement::look(Hypothesis& hypothesis, const Cancel& cancel) {
   hypothesis.log_odds += new_ground * std::log(likelihood);
   if (!look.candidate || chi2 > belief::kChi2_999 || visible * hit < likelihood / 2) return;
   const double heading_variance = match.solved->covariance(3, 3) * anchor_model_error_factor(context.tilt_missing);
+  // What no model has is alike in all looks of a segment: it is no part of what they average out, and is added to the
+  // whole (common_variance_m2()). As evidence a look may differ by it.
+  const Eigen::Matrix2d own_m2 =
+      look.candidate->covariance_m2 - unmodelled_variance_m2(context.agl_m) * Eigen::Matrix2d::Identity();
   hypothesis.similarity.add({.index = index,
                              .position = look.candidate->position,
-                             .covariance_m2 = look.candidate->covariance_m2,
+                             .covariance_m2 = own_m2,
                              .heading_rad = match.solved->pose.attitude.heading_rad,
                              .heading_sigma_rad = std::sqrt(heading_variance + square(kTurnOfFrame_rad))});
   ++hypothesis.hits;

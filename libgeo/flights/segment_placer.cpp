@@ -37,16 +37,16 @@ SegmentPlacer::SegmentPlacer(FlightStore& store, const PlacerSetup& setup) : sto
 
 SegmentPlacer::~SegmentPlacer() = default;
 
-SegmentPlacer::Outcome SegmentPlacer::step(Scope scope, const Cancel& cancel) {
+PlacerOutcome SegmentPlacer::step(Scope scope, const Cancel& cancel) {
   if (!attempt_ && !begin_next(scope)) {
     matcher_.reset();  // and the tiles that it keeps
-    return Outcome::nothing_to_do;
+    return PlacerOutcome::nothing_to_do;
   }
   report_rung();
-  if (attempt_->placement->step(cancel)) return Outcome::more_to_do;
+  if (attempt_->placement->step(cancel)) return PlacerOutcome::more_to_do;
   const bool merged = finish();
   attempt_.reset();
-  return merged ? Outcome::merged : Outcome::more_to_do;
+  return merged ? PlacerOutcome::merged : PlacerOutcome::more_to_do;
 }
 
 bool SegmentPlacer::begin_next(Scope scope) {
@@ -60,7 +60,7 @@ bool SegmentPlacer::begin_next(Scope scope) {
     if (before != tried_.end() && before->second == inputs) continue;
     tried_[segment.number] = inputs;
     if (store_.merge_taken_back(segment)) continue;
-    SegmentShape shape = shape_of(segment);
+    SegmentShape shape = stored_shape(store_, segment, setup_.camera.uncertainty);
     if (!SegmentPlacement::possible(shape, setup_.camera.camera) || attempts_ >= kMostAttempts) continue;
     ++attempts_;
     if (!matcher_) {
@@ -82,16 +82,17 @@ bool SegmentPlacer::begin_next(Scope scope) {
   return false;
 }
 
-SegmentShape SegmentPlacer::shape_of(const FlightSegment& segment) const {
+SegmentShape stored_shape(const FlightStore& store, const FlightSegment& segment,
+                          const TelemetryUncertainty& uncertainty) {
   const std::size_t count = segment.last_frame - segment.first_frame + 1;
-  const std::vector<Estimate> online = store_.estimates(EstimateKind::online, segment.first_frame, count);
+  const std::vector<Estimate> online = store.estimates(EstimateKind::online, segment.first_frame, count);
   std::vector<ObservedFrame> observed;
   for (std::size_t i = 0; i < online.size(); ++i) {
     if (online[i].segment != segment.number) continue;  // an outlier within
     ObservedFrame& frame = observed.emplace_back();
     frame.frame = segment.first_frame + i;
-    frame.telemetry = store_.picture(frame.frame).telemetry;
-    StoredFrame stored = store_.stored_frame(frame.frame);
+    frame.telemetry = store.picture(frame.frame).telemetry;
+    StoredFrame stored = store.stored_frame(frame.frame);
     auto answers = decode_answers(stored.answers);
     if (!answers) {
       throw Error({.what = "the stored flight is damaged: what vision found in frame " + std::to_string(frame.frame),
@@ -99,10 +100,10 @@ SegmentShape SegmentPlacer::shape_of(const FlightSegment& segment) const {
     }
     frame.estimate = stored.online.estimate;
     frame.state = stored.online.state;
-    frame.look = store_.look_of(frame.frame);
+    frame.look = store.look_of(frame.frame);
     frame.answers = std::move(*answers);
   }
-  return segment_shape(observed, setup_.camera.uncertainty);
+  return segment_shape(observed, uncertainty);
 }
 
 // Where people say that one of its frames was taken. A pixel shows a place that is as far as the picture reaches.
@@ -153,26 +154,31 @@ void SegmentPlacer::report_rung() {
   now.reported_m = reach_m;
 }
 
-EstimateRecord SegmentPlacer::placed_estimate(const SegmentPlacementResult& result, std::size_t index) const {
-  const ShapeFrame& frame = attempt_->placement->shape().frames[index];
-  const SegmentSimilarity::Pose& pose = result.poses[index];
-  const LocalizerConfig& config = setup_.localizer;
-  Estimate estimate = store_.estimates(EstimateKind::online, frame.frame, 1).front();
+double common_variance_m2(const LocalizerConfig& config, const std::optional<double>& map_ce90_m, double agl_m) {
   double map_sigma_m = parameters::localizer::kMapSigma_m;
-  if (result.map_ce90_m) map_sigma_m = map_sigma_from_ce90(*result.map_ce90_m);
+  if (map_ce90_m) map_sigma_m = map_sigma_from_ce90(*map_ce90_m);
   if (config.map_sigma_m) map_sigma_m = *config.map_sigma_m;
-  // What no number of looks averages out.
-  const double common_m2 = map_sigma_m * map_sigma_m + unmodelled_variance_m2(frame.agl_m);
+  return map_sigma_m * map_sigma_m + unmodelled_variance_m2(agl_m);
+}
+
+EstimateRecord placed_estimate(const FlightStore& store, const PlacerSetup& setup, const ShapeFrame& frame,
+                               const SegmentSimilarity::Pose& pose, double common_m2, SourceLabel source) {
+  Estimate estimate = store.estimates(EstimateKind::online, frame.frame, 1).front();
   estimate.covariance_m2 = pose.covariance_m2 + common_m2 * Eigen::Matrix2d::Identity();
   estimate.sigma_m = std::sqrt(estimate.covariance_m2.trace() / 2);
   estimate.hpl_m.reset();
-  estimate.source = result.hit[index] ? SourceLabel::satellite_anchored : SourceLabel::vo_extrapolated;
-  estimate.position = setup_.frame.lonlat_from_plane(pose.position);
-  if (estimate.sigma_m > config.no_fix_sigma_m) {
+  estimate.source = source;
+  estimate.position = setup.frame.lonlat_from_plane(pose.position);
+  if (estimate.sigma_m > setup.localizer.no_fix_sigma_m) {
     estimate.source = SourceLabel::no_fix;
     estimate.position.reset();
   }
-  return {frame.frame, estimate, {}, {}};
+  StateEstimate state;
+  state.heading_rad = pose.heading_rad;
+  state.heading_sigma_rad = pose.heading_sigma_rad;
+  state.agl_m = pose.agl_m;
+  state.agl_sigma_m = pose.agl_m * pose.log_agl_sigma;
+  return {frame.frame, estimate, {}, state};
 }
 
 bool SegmentPlacer::finish() {
@@ -199,7 +205,10 @@ bool SegmentPlacer::finish() {
   std::vector<EstimateRecord> placed;
   double worst_m = 0;
   for (std::size_t i = 0; i < result.poses.size(); ++i) {
-    placed.push_back(placed_estimate(result, i));
+    const ShapeFrame& frame = now.placement->shape().frames[i];
+    const double common_m2 = common_variance_m2(setup_.localizer, result.map_ce90_m, frame.agl_m);
+    const SourceLabel source = result.hit[i] ? SourceLabel::satellite_anchored : SourceLabel::vo_extrapolated;
+    placed.push_back(placed_estimate(store_, setup_, frame, result.poses[i], common_m2, source));
     worst_m = std::max(worst_m, placed.back().estimate.sigma_m);
   }
   const LonLat first = setup_.frame.lonlat_from_plane(result.poses.front().position);

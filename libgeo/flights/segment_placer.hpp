@@ -37,6 +37,18 @@ struct PlacerSetup {
   std::function<UtcMillis()> clock;
 };
 
+enum class PlacerOutcome { nothing_to_do, more_to_do, merged };
+
+// What placing segments has in common, however it is done.
+SegmentShape stored_shape(const FlightStore& store, const FlightSegment& segment,
+                          const TelemetryUncertainty& uncertainty);
+// Variance of one axis of what no number of looks averages out: the map's own error, and that of the model of a
+// picture.
+double common_variance_m2(const LocalizerConfig& config, const std::optional<double>& map_ce90_m, double agl_m);
+// The estimate of a frame at its place in the segment, and its heading and height.
+EstimateRecord placed_estimate(const FlightStore& store, const PlacerSetup& setup, const ShapeFrame& frame,
+                               const SegmentSimilarity::Pose& pose, double common_m2, SourceLabel source);
+
 class SegmentPlacer {
  public:
   SegmentPlacer(FlightStore& store, const PlacerSetup& setup);
@@ -48,10 +60,8 @@ class SegmentPlacer {
     closed,  // segments that no further frame can continue
     all      // the flight is complete: the last one as well
   };
-  enum class Outcome { nothing_to_do, more_to_do, merged };
-
   // The next search or look. Throws Interrupted when cancelled, and can be called again then.
-  Outcome step(Scope scope, const Cancel& cancel);
+  PlacerOutcome step(Scope scope, const Cancel& cancel);
 
  private:
   struct Attempt;
@@ -63,12 +73,10 @@ class SegmentPlacer {
   };
 
   bool begin_next(Scope scope);
-  SegmentShape shape_of(const FlightSegment& segment) const;
   std::vector<PlaceStatement> statements_about(const FlightSegment& segment) const;
   std::optional<PlaceStatement> prediction_of(const FlightSegment& segment) const;
   bool finish();
   void report_rung();
-  EstimateRecord placed_estimate(const SegmentPlacementResult& result, std::size_t index) const;
 
   FlightStore& store_;
   PlacerSetup setup_;

@@ -19,11 +19,12 @@ constexpr std::size_t kCandidatesShown = 5;  // that a person compares
 constexpr double kCandidateReach_m = 50;     // of one that is chosen
 
 constexpr std::array kKinds{
-    FlightEventKind::flight_created,    FlightEventKind::pictures_accepted,  FlightEventKind::frame_processed,
-    FlightEventKind::frame_refined,     FlightEventKind::search_expanded,    FlightEventKind::segment_started,
-    FlightEventKind::segment_anchored,  FlightEventKind::segments_merged,    FlightEventKind::merge_withdrawn,
-    FlightEventKind::user_input_needed, FlightEventKind::user_fix,           FlightEventKind::fix_withdrawn,
-    FlightEventKind::objects_changed,   FlightEventKind::processing_blocked, FlightEventKind::flight_completed};
+    FlightEventKind::flight_created,    FlightEventKind::pictures_accepted, FlightEventKind::frame_processed,
+    FlightEventKind::frame_refined,     FlightEventKind::search_expanded,   FlightEventKind::segment_started,
+    FlightEventKind::segment_anchored,  FlightEventKind::segments_merged,   FlightEventKind::merge_withdrawn,
+    FlightEventKind::user_input_needed, FlightEventKind::user_fix,          FlightEventKind::fix_withdrawn,
+    FlightEventKind::objects_changed,   FlightEventKind::diagnosis_changed, FlightEventKind::processing_blocked,
+    FlightEventKind::flight_completed};
 
 StoredFlightEvent event(FlightEventKind kind, std::size_t frame, const nlohmann::json& body) {
   return {kind, frame, body.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
@@ -92,6 +93,7 @@ std::string_view name_of(FlightEventKind kind) {
     case FlightEventKind::user_fix: return "user_fix";
     case FlightEventKind::fix_withdrawn: return "fix_withdrawn";
     case FlightEventKind::objects_changed: return "objects_changed";
+    case FlightEventKind::diagnosis_changed: return "diagnosis_changed";
     case FlightEventKind::processing_blocked: return "processing_blocked";
     case FlightEventKind::flight_completed: return "flight_completed";
   }

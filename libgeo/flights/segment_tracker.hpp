@@ -51,6 +51,7 @@ enum class FlightEventKind {
   user_fix,            // a person said where
   fix_withdrawn,       // and has withdrawn it
   objects_changed,     // a person marked, named or removed an object
+  diagnosis_changed,   // why the first pictures match nowhere, or that they do
   processing_blocked,  // cannot go on: a picture is missing, the disk is full
   flight_completed
 };

@@ -45,7 +45,10 @@ void count(OrthoRefusal refusal, FrameTiles& report) { ++report.refused[static_c
 }  // namespace
 
 CandidateMaker::CandidateMaker(const CandidateFlight& flight)
-    : flight_(flight), camera_(camera_digest(flight.camera)), mosaics_(mosaic_limits(flight)) {
+    : flight_(flight),
+      seen_with_(flight.lens ? flight.lens->applied_to(flight.camera) : flight.camera),
+      camera_(camera_digest(flight.camera)),
+      mosaics_(mosaic_limits(flight)) {
   if (flight.zoom < 0 || flight.zoom > kMaxZoom) {
     throw UsageError({.what = "no such zoom", .expected = "0 to 24", .found = std::to_string(flight.zoom)});
   }
@@ -77,7 +80,7 @@ CandidateSidecar CandidateMaker::sidecar_of(const PosedFrame& seen, CandidateTru
   sidecar.camera = camera_;
   const CameraPose& pose = seen.pose.pose;
   const LonLat place = flight_.frame.lonlat_from_plane(pose.position);
-  sidecar.gsd_mm = rounded(gsd_at(flight_.camera, pose.agl_m), 1e-3);
+  sidecar.gsd_mm = rounded(gsd_at(seen_with_, pose.agl_m), 1e-3);
   sidecar.pose = {.lat_e7 = rounded(place.lat_deg, 1e-7),
                   .lon_e7 = rounded(place.lon_deg, 1e-7),
                   .agl_mm = rounded(pose.agl_m, 1e-3),
@@ -97,11 +100,11 @@ std::optional<CandidateMaker::PreparedFrame> CandidateMaker::prepare(const Posed
   const CameraPose& pose = seen.pose.pose;
   const LonLat place = flight_.frame.lonlat_from_plane(pose.position);
   const double tile_gsd_m = ground_resolution_m(flight_.zoom, place.lat_deg);
-  const double frame_gsd_m = gsd_at(flight_.camera, pose.agl_m);
+  const double frame_gsd_m = gsd_at(seen_with_, pose.agl_m);
   const FrameEligibility eligibility = check_pose_eligible(seen.pose, frame_gsd_m, tile_gsd_m, flight_.limits);
   report.refusal = eligibility.refusal;
   if (report.refusal) return std::nullopt;
-  const int shrink = decoding_shrink(flight_.camera, pose.agl_m, tile_gsd_m);
+  const int shrink = decoding_shrink(seen_with_, pose.agl_m, tile_gsd_m);
   const cv::Mat picture = decoded(encoded, flight_.camera, shrink, seen.name);
   report.refusal = OrthoRefusal::frame_unfit;
   if (picture.empty()) return std::nullopt;
@@ -110,7 +113,7 @@ std::optional<CandidateMaker::PreparedFrame> CandidateMaker::prepare(const Posed
   const FrameQuality quality = measure_frame_quality(grey);
   report.refusal = check_image_eligible(quality, flight_.limits);
   if (report.refusal) return std::nullopt;
-  PreparedFrame frame{reduce_frame(picture, flight_.camera.scaled(1.0 / shrink), pose.agl_m, tile_gsd_m),
+  PreparedFrame frame{reduce_frame(picture, seen_with_.scaled(1.0 / shrink), pose.agl_m, tile_gsd_m),
                       sidecar_of(seen, eligibility.trust), tile_gsd_m};
   cv::cvtColor(frame.reduced.image, grey, cv::COLOR_BGR2GRAY);
   report.refusal =

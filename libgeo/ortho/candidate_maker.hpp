@@ -17,6 +17,7 @@
 #include "ortho/eligibility.hpp"
 #include "ortho/orthorectifier.hpp"
 #include "ortho/tile_mosaic.hpp"
+#include "vision/adjusted_lens.hpp"
 
 namespace nadir {
 
@@ -24,9 +25,10 @@ namespace nadir {
 struct CandidateFlight {
   std::string airframe;
   std::string flight;
-  Sha256 base_package;  // of its manifest.json
-  CameraModel camera;   // of the images at full size
-  LocalFrame frame;     // the plane of the poses
+  Sha256 base_package;                 // of its manifest.json
+  CameraModel camera;                  // of the images at full size; sidecars name it
+  std::optional<AdjustedLens> lens{};  // that the poses belong to; nothing: the camera's nominal one
+  LocalFrame frame;                    // the plane of the poses
   const GroundSurface* surface = nullptr;
   const PrivateKey* key = nullptr;  // the airframe's tile key
   int zoom = 0;                     // the mission's finest
@@ -93,6 +95,7 @@ class CandidateMaker {
                    FrameTiles& report) const;
 
   CandidateFlight flight_;
+  CameraModel seen_with_;  // the camera with the lens that the poses belong to
   Sha256 camera_;
   TileMosaics mosaics_;
 };

@@ -33,8 +33,9 @@ std::string text_of(LonLat place) { return fmt::format("{}, {}", place.lon_deg, 
 }  // namespace
 
 PosesDocument poses_document(const PosesSubject& subject, const std::vector<Telemetry>& frames,
-                             const std::vector<std::optional<FramePose>>& poses) {
-  PosesDocument document{subject, {}};
+                             const std::vector<std::optional<FramePose>>& poses,
+                             const std::optional<AdjustedLens>& lens) {
+  PosesDocument document{subject, lens, {}};
   for (std::size_t i = 0; i < poses.size(); ++i) {
     if (poses[i]) document.poses.push_back({i, frame_label(frames[i].frame), *poses[i]});
   }
@@ -59,16 +60,21 @@ std::string poses_json(const PosesDocument& document) {
                      {"cov_nn_m2", estimate.covariance_m2(1, 1)},
                      {"confirmed", estimate.confirmed}});
   }
-  const json whole{
-      {"schema", kPosesSchema},    {"flight", of.flight},
-      {"frames", of.frames},       {"base_package", of.base_package.hex()},
-      {"camera", of.camera.hex()}, {"origin", {{"lon_deg", of.origin.lon_deg}, {"lat_deg", of.origin.lat_deg}}},
-      {"poses", std::move(poses)}};
+  json lens;
+  if (document.lens) lens = {{"log_focal", document.lens->log_focal}, {"distortion", document.lens->distortion}};
+  const json whole{{"schema", kPosesSchema},
+                   {"flight", of.flight},
+                   {"frames", of.frames},
+                   {"base_package", of.base_package.hex()},
+                   {"camera", of.camera.hex()},
+                   {"lens", std::move(lens)},
+                   {"origin", {{"lon_deg", of.origin.lon_deg}, {"lat_deg", of.origin.lat_deg}}},
+                   {"poses", std::move(poses)}};
   return whole.dump(1) + "\n";
 }
 
-std::vector<std::optional<FramePose>> read_poses(const std::filesystem::path& path, const PosesSubject& wanted,
-                                                 const std::vector<Telemetry>& frames) {
+FlightPoses read_poses(const std::filesystem::path& path, const PosesSubject& wanted,
+                       const std::vector<Telemetry>& frames) {
   const PosesDocument document = parse_poses(read_text_file(path, kMostBytes), path.string());
   const PosesSubject& of = document.subject;
   require_same(path, "flight", wanted.flight, of.flight);
@@ -81,7 +87,7 @@ std::vector<std::optional<FramePose>> read_poses(const std::filesystem::path& pa
     require_same(path, "flight (name of a frame)", frame_label(frames[one.index].frame), one.frame);
     poses[one.index] = one.pose;
   }
-  return poses;
+  return {std::move(poses), document.lens};
 }
 
 namespace {
@@ -110,6 +116,20 @@ PosesSubject read_subject(const JsonReader& in) {
   return subject;
 }
 
+std::optional<AdjustedLens> read_lens(const JsonReader& in) {
+  if (in.is_null("lens")) return std::nullopt;
+  const JsonReader from = in.object("lens");
+  AdjustedLens lens;
+  lens.log_focal = from.number("log_focal", -kMostLensLogFocal, kMostLensLogFocal);
+  const JsonReader distortion =
+      from.array("distortion", {.least = lens.distortion.size(), .most = lens.distortion.size()});
+  for (std::size_t i = 0; i < lens.distortion.size(); ++i) {
+    lens.distortion.at(i) = distortion.number(i, -kMostLensDistortion, kMostLensDistortion);
+  }
+  from.finish();
+  return lens;
+}
+
 FramePose read_pose(const JsonReader& in) {
   FramePose result;
   result.pose.position = {in.number("east_m", -kMaxEast_m, kMaxEast_m), in.number("north_m", -kMaxEast_m, kMaxEast_m)};
@@ -136,7 +156,7 @@ PosesDocument parse_poses(std::string_view bytes, std::string_view name) {
   const JsonReader in(whole, {.name = std::string(name),
                               .what = "cannot accept these poses",
                               .fix = "create the file again with nadir replay"});
-  PosesDocument document{read_subject(in), {}};
+  PosesDocument document{read_subject(in), read_lens(in), {}};
   const JsonReader poses = in.array("poses");
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const JsonReader one = poses.object(i);

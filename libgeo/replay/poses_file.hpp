@@ -16,11 +16,12 @@
 #include "estimation/estimate.hpp"
 #include "estimation/telemetry.hpp"
 #include "geodesy/lon_lat.hpp"
+#include "vision/adjusted_lens.hpp"
 
 namespace nadir {
 
 inline constexpr std::string_view kPosesFile = "poses.json";
-inline constexpr std::string_view kPosesSchema = "nadir.poses/1";
+inline constexpr std::string_view kPosesSchema = "nadir.poses/2";
 
 struct PosesSubject {
   std::string flight;    // id_of() its telemetry
@@ -38,21 +39,28 @@ struct NumberedPose {
 
 struct PosesDocument {
   PosesSubject subject;
-  std::vector<NumberedPose> poses;  // by index
+  std::optional<AdjustedLens> lens;  // that the poses belong to; nothing: the nominal one
+  std::vector<NumberedPose> poses;   // by index
 };
 
-// poses: Localizer::refined_poses(), one per frame.
+// poses: Localizer::refined_poses(), or adjusted ones with their lens; one per frame.
 PosesDocument poses_document(const PosesSubject& subject, const std::vector<Telemetry>& frames,
-                             const std::vector<std::optional<FramePose>>& poses);
+                             const std::vector<std::optional<FramePose>>& poses,
+                             const std::optional<AdjustedLens>& lens = std::nullopt);
 std::string poses_json(const PosesDocument& document);
 
 // Throws Error, naming the member, for anything else: missing or unknown members, numbers out of range, frames out of
 // order. `name` is for messages.
 PosesDocument parse_poses(std::string_view bytes, std::string_view name);
 
-// One entry per frame of the flight, as Localizer::refined_poses() returned them. Throws UsageError when the file
+struct FlightPoses {
+  std::vector<std::optional<FramePose>> poses;  // one per frame of the flight
+  std::optional<AdjustedLens> lens;
+};
+
+// As they were written. Throws UsageError when the file
 // belongs to another flight, map or camera, Error when it cannot be read.
-std::vector<std::optional<FramePose>> read_poses(const std::filesystem::path& path, const PosesSubject& wanted,
-                                                 const std::vector<Telemetry>& frames);
+FlightPoses read_poses(const std::filesystem::path& path, const PosesSubject& wanted,
+                       const std::vector<Telemetry>& frames);
 
 }  // namespace nadir

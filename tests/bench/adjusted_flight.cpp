@@ -1,7 +1,8 @@
 // A flight from pictures, online, smoothed and adjusted, against the truth: 300 frames over a world in memory, along
 // four legs with a sharp turn between each two, five pictures of another place, and a fifth of the way without a map.
+// And the seams of its orthophoto, with the poses of each of the three.
 //
-// Usage: bench_adjusted_flight [SEED [FRAMES [--json]]]
+// Usage: bench_adjusted_flight [SEED [FRAMES [MOSAIC.png]]]    the orthophoto by adjusted poses goes to MOSAIC.png
 #include <fmt/format.h>
 #include <unistd.h>
 
@@ -10,9 +11,10 @@
 #include <cmath>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
-#include <string_view>
+#include <string>
 #include <vector>
 
+#include "base/files.hpp"
 #include "base/random.hpp"
 #include "cpu_time.hpp"
 #include "flight_adjustment/flight_adjustment.hpp"
@@ -24,6 +26,7 @@
 #include "replay/score.hpp"
 #include "safety_camera.hpp"
 #include "safety_world.hpp"
+#include "seams.hpp"
 #include "simulation/camera_sensor.hpp"
 #include "simulation/telemetry_noise.hpp"
 
@@ -127,7 +130,46 @@ nlohmann::json json_from(const Figures& f) {
           {"nees_without_map_error", f.own_nees}};
 }
 
-void run(std::uint64_t seed, int frames) {
+using Poses = std::vector<std::optional<CameraPose>>;
+
+nlohmann::json json_from(const SeamFigures& f) {
+  return {{"seams", f.seams},
+          {"measured", f.shifts_px.size()},
+          {"median_px", quantile(f.shifts_px, 0.5)},
+          {"p95_px", quantile(f.shifts_px, 0.95)},
+          {"pixel_m", f.gsd_m}};
+}
+
+// Of the frames that have a position: as processed, smoothed, adjusted. No picture of another place is part of it.
+nlohmann::json seams_of(const FlightStore& store, const FlightToAdjust& flight, const AdjustedFlight& adjusted,
+                        const std::vector<bool>& outlier, const GroundSurface& surface, const std::string& mosaic) {
+  Poses online(outlier.size()), smoothed(outlier.size()), after(outlier.size());
+  const auto estimates = store.estimates(EstimateKind::online);
+  for (std::size_t i = 0; i < outlier.size(); ++i) {
+    if (outlier[i]) continue;
+    const StateEstimate state = store.stored_frame(i).online.state;
+    const Telemetry& telemetry = flight.telemetry[i];
+    if (estimates[i].position) {
+      online[i] = {flight.plane.plane_from_lonlat(*estimates[i].position),
+                   state.agl_m,
+                   {state.heading_rad, telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)}};
+    }
+    if (flight.refined[i].position) smoothed[i] = flight.smoothed[i].pose;
+    if (adjusted.estimates[i].position) after[i] = adjusted.block.frames[i].pose;
+  }
+  const CameraModel& camera = flight.camera.camera;
+  const CameraModel calibrated = adjusted_poses(adjusted).lens.applied_to(camera);
+  cv::Mat orthophoto;
+  const nlohmann::json document{
+      {"online", json_from(seams(camera, flight.plane, surface, online, flight.image_of))},
+      {"refined", json_from(seams(camera, flight.plane, surface, smoothed, flight.image_of))},
+      {"adjusted", json_from(seams(calibrated, flight.plane, surface, after, flight.image_of, &orthophoto))},
+      {"adjusted_nominal_lens", json_from(seams(camera, flight.plane, surface, after, flight.image_of))}};
+  if (!mosaic.empty()) write_file_atomic(mosaic, encode_image(orthophoto, ImageFormat::png));
+  return document;
+}
+
+void run(std::uint64_t seed, int frames, const std::string& mosaic) {
   const World world(seed);
   const CameraFile camera = camera_file();
   const Photographer photographer(camera.camera);
@@ -204,6 +246,7 @@ void run(std::uint64_t seed, int frames) {
         {"refined", all(flight.refined)},
         {"adjusted", all(adjusted.estimates)},
         {"cpu_s", (cpu_ms() - before_ms) / 1000},
+        {"seams", seams_of(*store, flight, adjusted, outlier, world.terrain, mosaic)},
         {"adjustment", nadir::json_from(adjusted.summary)}};
     fmt::print("{}\n", document.dump());
   }
@@ -215,5 +258,5 @@ void run(std::uint64_t seed, int frames) {
 
 int main(int argc, char** argv) {
   const auto number = [&](int i, int otherwise) { return argc > i ? std::atoi(argv[i]) : otherwise; };
-  nadir::bench::run(static_cast<std::uint64_t>(number(1, 1)), number(2, 300));
+  nadir::bench::run(static_cast<std::uint64_t>(number(1, 1)), number(2, 300), argc > 3 ? argv[3] : "");
 }

@@ -1,7 +1,7 @@
 // Floating segments placed as wholes, over drawn lands: how many are placed, how many wrongly, how far off, and what a
 // step costs. The map shows the land of today, half of it as it was, most of it as it was, or does not show it at all.
 //
-// Usage: bench_segments [SEEDS] (20)
+// Usage: bench_segments [SEEDS [FIRST]]    20 seeds from 1 on
 #include <fmt/format.h>
 
 #include <Eigen/LU>
@@ -74,7 +74,7 @@ void print(const char* what, Tally tally) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const int seeds = argc > 1 ? std::atoi(argv[1]) : 20;
+  const int seeds = argc > 1 ? std::atoi(argv[1]) : 20, first = argc > 2 ? std::atoi(argv[2]) : 1;
   struct Row {
     const char* what;
     WorldOptions world;
@@ -100,7 +100,7 @@ int main(int argc, char** argv) {
   int wrong = 0;
   for (const Row& row : rows) {
     Tally tally;
-    for (int seed = 1; seed <= seeds; ++seed) {
+    for (int seed = first; seed < first + seeds; ++seed) {
       const SegmentWorld world(static_cast<std::uint64_t>(100 + seed), row.world);
       add(tally, world, world.segment(seed, 8, row.heading), row.hole);
     }

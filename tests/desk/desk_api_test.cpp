@@ -392,6 +392,20 @@ TEST_F(DeskApiTest, MarkedObjectsHavePlaces) {
   expect_problem(call(post(flight + "/objects", R"({"frame": 9, "pixel": {"x": 1, "y": 1}})")), 422, "refused");
   expect_problem(call(post(flight + "/objects/7/sightings", R"({"frame": 2, "pixel": {"x": 1, "y": 1}})")), 404,
                  "object");
+
+  // Once the flight is adjusted, its poses are used.
+  EXPECT_EQ(print["adjusted"], false);
+  EXPECT_EQ(object["place"]["adjusted"], false);
+  EXPECT_EQ(call(post(flight + "/complete", "")).status, 202);
+  EXPECT_EQ(settled(flight)["state"], "completed");
+  const auto adjusted = read(flight + "/objects/1");
+  EXPECT_EQ(adjusted["place"]["adjusted"], true) << adjusted;
+  const PlanePoint moved = LocalFrame({object["place"]["lon"], object["place"]["lat"]})
+                               .plane_from_lonlat({adjusted["place"]["lon"], adjusted["place"]["lat"]});
+  EXPECT_LT(std::hypot(moved.east_m, moved.north_m), 40) << "dead reckoning from the start, both times";
+  EXPECT_EQ(read(flight + "/pictures/2/footprint")["adjusted"], true);
+  EXPECT_FALSE(read(flight + "/pictures/2/footprint")["corners"].is_null());
+
   EXPECT_EQ(call(request("DELETE", flight + "/objects/1")).status, 200);
   expect_problem(call(get(flight + "/objects/1")), 404, "object");
 }

@@ -63,6 +63,32 @@ class DeskPage(support.EndToEnd):
         self.keep(browser, "no-fix")
         self.check_quiet(browser)
 
+    def test_a_placement_is_taken_back(self):
+        first = next(csv.DictReader((self.desk.made / "flight" / "truth.csv").read_text().splitlines()))
+        start = {"lon": float(first["lon_deg"]), "lat": float(first["lat_deg"]) + 0.05}  # 5.6 km off
+        flight = self.desk.create(name="Wrong start", package="valley", start=start)
+        browser = self.browse("#" + flight.rsplit("/", 1)[1])
+        browser.wait_for("!document.getElementById('flight').hidden")
+        self.desk.send(flight, self.desk.frames())
+        self.desk.settled(flight)
+        browser.wait_for(TEXT.format("events") + ".includes('nothing matches: ')")  # the event, live
+        browser.wait_for(TEXT.format("reason") + ".includes('is the start wrong?')")
+        browser.wait_for(TEXT.format("events") + ".includes('placed as a whole')")
+        take_back = "document.querySelector('[data-take-back=\"0\"]')"
+        browser.wait_for(f"{take_back} !== null")
+        browser.wait_for("document.querySelectorAll('#map img').length > 0")
+        self.keep(browser, "placed")
+        browser.evaluate(f"{take_back}.focus()")
+        self.assertEqual("Take the placement of segment 0 back", browser.evaluate("document.activeElement.getAttribute('aria-label')"))
+        browser.evaluate("document.activeElement.click()")
+        browser.wait_for(f"{take_back} === null")
+        browser.wait_for(TEXT.format("events") + ".includes('segment 0 floats again')")
+        browser.wait_for(TEXT.format("segments") + ".includes('floating')")
+        self.keep(browser, "taken-back")
+        self.desk.settled(flight)
+        self.assertEqual("floating", self.desk.json("GET", flight + "/segments", expect=200)["segments"][0]["state"])
+        self.check_quiet(browser)
+
     @staticmethod
     def choose(browser, field, files):
         """Puts files into a file input, as a person's choice does."""

@@ -69,6 +69,8 @@ class DeskServe(support.EndToEnd):
         desk.send(flight, desk.frames())
         document = desk.settled(flight)  # nobody has completed it: more pictures may come
         self.assertIn("is the start wrong?", document["diagnosis"])
+        diagnoses = [data["diagnosis"] for _, kind, data in desk.events(flight, until=document["last_event"]) if kind == "diagnosis_changed"]
+        self.assertEqual([document["diagnosis"]], diagnoses)
         segments = desk.json("GET", flight + "/segments", expect=200)["segments"]
         self.assertEqual([("merged", 0, FRAMES - 1)], [(s["state"], s["first_frame"], s["last_frame"]) for s in segments])
         merged = [data for _, kind, data in desk.events(flight, until=document["last_event"]) if kind == "segments_merged"]

@@ -1,5 +1,6 @@
 #include "flight_adjustment/flight_adjustment.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -101,11 +102,43 @@ TEST(FlightAdjustment, IsMoreAccurateThanTheFlightWasOnline) {
 }
 
 TEST(FlightAdjustment, IsStoredAndRead) {
-  flown().store->put_estimates(EstimateKind::adjusted, flown().adjusted.estimates, {}, kNow);
-  const auto stored = flown().store->estimates(EstimateKind::adjusted);
+  FlightStore& store = *flown().store;
+  const AdjustedFlight& adjusted = flown().adjusted;
+  EXPECT_FALSE(store.adjusted_lens());
+  store.put_adjustment(adjusted.estimates, adjusted_poses(adjusted), {}, kNow);
+  const auto stored = store.estimates(EstimateKind::adjusted);
   ASSERT_EQ(stored.size(), moments().size());
-  EXPECT_EQ(stored[3].position->lat_deg, flown().adjusted.estimates[3].position->lat_deg);
-  EXPECT_EQ(stored[3].covariance_m2, flown().adjusted.estimates[3].covariance_m2);
+  EXPECT_EQ(stored[3].position->lat_deg, adjusted.estimates[3].position->lat_deg);
+  EXPECT_EQ(stored[3].covariance_m2, adjusted.estimates[3].covariance_m2);
+
+  const auto lens = store.adjusted_lens();
+  ASSERT_TRUE(lens);
+  const CameraModel nominal = flown().flight.camera.camera, &camera = adjusted.summary.calibration.camera;
+  const double scale = static_cast<double>(nominal.width) / camera.width;
+  EXPECT_NEAR(lens->applied_to(nominal).fx, scale * camera.fx, 1e-6);
+  EXPECT_EQ(lens->applied_to(nominal).distortion, camera.distortion);
+  const auto pose = store.adjusted_pose(3);
+  ASSERT_TRUE(pose);
+  const CameraPose& truth = moments()[3].truth;
+  EXPECT_LT(std::abs(wrap_pi(pose->attitude.heading_rad - truth.attitude.heading_rad)), radians(1));
+  EXPECT_LT(std::abs(pose->attitude.pitch_rad - truth.attitude.pitch_rad), radians(1));
+  EXPECT_NEAR(pose->attitude.roll_rad, adjusted.block.frames[3].pose.attitude.roll_rad, 1e-12);
+  EXPECT_EQ(pose->agl_m, adjusted.block.frames[3].pose.agl_m);
+  const Eigen::Matrix2d of_position_m2 = pose->covariance.topLeftCorner<2, 2>();
+  EXPECT_EQ(of_position_m2, adjusted.estimates[3].covariance_m2);
+
+  // Neighbours err together: by what the block says of them, and by the map.
+  const auto joint = store.adjusted_joint_covariance({4, 3}), block = adjusted.block.joint_covariance({4, 3});
+  ASSERT_TRUE(joint && block);
+  EXPECT_EQ((*joint)(7, 7), pose->covariance(1, 1));
+  const double shared_m2 = adjusted.estimates[3].covariance_m2(0, 0) - (*block)(6, 6);
+  EXPECT_GT(shared_m2, 0);
+  EXPECT_NEAR((*joint)(0, 6), (*block)(0, 6) + shared_m2, 0.05 * shared_m2);
+  EXPECT_EQ((*joint)(3, 10), (*block)(3, 10));
+  EXPECT_GT(Eigen::MatrixXd(*joint).selfadjointView<Eigen::Lower>().eigenvalues().minCoeff(), 0);
+  EXPECT_FALSE(store.adjusted_joint_covariance({3, 999}));
+  store.put_estimates(EstimateKind::adjusted, adjusted.estimates, {}, kNow);
+  EXPECT_FALSE(store.adjusted_pose(3)) << "poses belong to the estimates that they came with";
 }
 
 TEST(FlightAdjustment, PosesAreThoseOfFramesWithAnAnchorThatWasKept) {

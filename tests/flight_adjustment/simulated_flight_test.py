@@ -24,6 +24,10 @@ class SimulatedFlight(unittest.TestCase):
         self.assertLess(adjusted["nees"], 2.2, "the stated covariance has room for the map's error")
         self.assertLess(adjusted["nees_without_map_error"], 5, "one flight: about 2 on average")
         self.assertGreaterEqual(adjusted["nees_without_map_error"], 0.4)
+        seams = flight["seams"]
+        self.assertGreater(seams["adjusted"]["measured"], 300, seams)
+        self.assertLessEqual(seams["adjusted"]["median_px"], 1, seams)
+        self.assertLess(seams["adjusted"]["median_px"], seams["online"]["median_px"], seams)
 
 
 if __name__ == "__main__":

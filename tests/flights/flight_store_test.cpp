@@ -288,12 +288,12 @@ TEST_F(StoredPictures, OtherDatabasesAreRefused) {
     database.execute(sql);
     database.close();
   };
-  change("PRAGMA user_version = 4");
+  change("PRAGMA user_version = 5");
   try {
     FlightStore::open(folder());
     FAIL() << "a newer version was opened";
   } catch (const UsageError& error) {
-    EXPECT_EQ(error.text().found, "version 4");
+    EXPECT_EQ(error.text().found, "version 5");
     EXPECT_EQ(error.text().fix, "use the nadir that created it");
   }
   change("PRAGMA user_version = 1");
@@ -304,7 +304,7 @@ TEST_F(StoredPictures, OtherDatabasesAreRefused) {
     EXPECT_EQ(error.text().found, "version 1");
     EXPECT_THAT(error.text().fix, testing::HasSubstr("process its pictures again"));
   }
-  change("PRAGMA user_version = 3");
+  change("PRAGMA user_version = 4");
   FlightStore::open(folder());
   change("CREATE TRIGGER t AFTER INSERT ON event BEGIN DELETE FROM picture; END");
   EXPECT_THROW(FlightStore::open(folder()), UsageError);
@@ -316,6 +316,29 @@ TEST_F(StoredPictures, OtherDatabasesAreRefused) {
   EXPECT_THROW(FlightStore::open(folder()), UsageError);
   temporary_.write("text/flight.sqlite", "no database");
   EXPECT_THROW(FlightStore::open(temporary_ / "text"), Error);
+}
+
+// What version 3 stored, and no more.
+TEST_F(StoredPictures, AFlightOfTheVersionBeforeIsOpened) {
+  const auto change = [this](const std::string& sql) {
+    SqliteDatabase database = SqliteDatabase::open_writable(folder() / kFlightFile);
+    database.execute(sql);
+    database.close();
+  };
+  const std::vector<EncodedPicture> batch{plain_picture(1), plain_picture(2)};
+  create()->accept(offers(batch), kNow);
+  const std::string older =
+      "DROP TABLE lens; DROP TABLE pose; DROP TABLE pose_covariance; DROP TABLE merge_basis; PRAGMA user_version = 3";
+  change(older);
+  for (int time = 0; time < 2; ++time) {
+    const auto store = FlightStore::open(folder());
+    EXPECT_EQ(store->accepted(), 2U);
+    EXPECT_FALSE(store->adjusted_lens());
+    EXPECT_FALSE(store->adjusted_pose(0));
+  }
+  change(older);
+  change("CREATE TABLE pose (frame INTEGER)");
+  EXPECT_THROW(FlightStore::open(folder()), UsageError) << "version 3 has no such table";
 }
 
 TEST_F(StoredPictures, FixesAreForTheFrameThatFollows) {

@@ -5,6 +5,7 @@
 //        killed_flight FOLDER fly COURSE N     processes and completes the flight; kills itself when the store is about
 //                                              to commit, or has committed, for the N-th time (0: never)
 //        killed_flight FOLDER place N          the same with a flight that floats, and is placed as a whole
+//        killed_flight FOLDER cross N          … and with two passes, of which the second one is placed by the first
 // Exit codes: 0 done, 2 an error, its text on stderr.
 #include <csignal>
 #include <cstdio>
@@ -44,14 +45,14 @@ void fly(const std::filesystem::path& folder, Course course, int fatal_commit) {
   engine.complete();
 }
 
-void place(const std::filesystem::path& folder, int fatal_commit) {
+void place(const std::filesystem::path& folder, const FlightEngineSetup& setup, int fatal_commit) {
   int commits = 0;
   FlightStoreOptions options;
   options.hook = [&](std::string_view /*transaction*/, bool /*committed*/) {
     if (++commits == fatal_commit) ::raise(SIGKILL);
   };
   const auto store = FlightStore::open(folder, options);
-  FlightEngine engine(*store, floating_setup(), {.clock = [] { return kNow; }});
+  FlightEngine engine(*store, setup, {.clock = [] { return kNow; }});
   engine.process();
   while (engine.place_segments(SegmentPlacer::Scope::all, 1000)) {
   }
@@ -67,8 +68,8 @@ int main(int argc, char** argv) {
   const std::string_view mode = argc > 2 ? argv[2] : "";
   try {
     if (mode == "accept") accept_for_ever(argv[1]);
-    if (mode == "place" && argc == 4) {
-      place(argv[1], std::stoi(argv[3]));
+    if ((mode == "place" || mode == "cross") && argc == 4) {
+      place(argv[1], mode == "place" ? floating_setup() : crossing_setup(), std::stoi(argv[3]));
       return 0;
     }
     if (mode != "fly" || argc != 5) return 64;

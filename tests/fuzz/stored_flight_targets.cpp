@@ -41,11 +41,15 @@ void read_all(const FlightStore& store) {
     refusing([&] { static_cast<void>(decode_answers(store.stored_frame(frame).answers)); });
     refusing([&] { static_cast<void>(store.look_of(frame)); });
     refusing([&] { static_cast<void>(store.fixes_before(frame)); });
+    refusing([&] { static_cast<void>(store.adjusted_pose(frame)); });
+    refusing([&] { static_cast<void>(store.adjusted_joint_covariance({frame, 0})); });
+    refusing([&] { static_cast<void>(store.placed_estimate(frame)); });
   }
   refusing([&] { static_cast<void>(store.refused()); });
   for (const EstimateKind kind : {EstimateKind::online, EstimateKind::refined, EstimateKind::adjusted}) {
     refusing([&] { require(store.estimates(kind, 0, 3).size() <= 3, "more estimates than asked for"); });
   }
+  refusing([&] { static_cast<void>(store.adjusted_lens()); });
   refusing([&] { static_cast<void>(store.segments()); });
   refusing([&] { static_cast<void>(store.fixes()); });
   refusing([&] { static_cast<void>(store.objects()); });
@@ -58,6 +62,7 @@ void use(FlightStore& store) {
   refusing([&] { static_cast<void>(store.add_fix({47, 8}, 100, "fuzz", kNow)); });
   refusing([&] { static_cast<void>(store.withdraw_fix(1, kNow)); });
   refusing([&] { static_cast<void>(store.remove_object(1, kNow)); });
+  refusing([&] { static_cast<void>(store.take_back_merge(1, "fuzz", kNow)); });
   refusing([&] {
     if (store.begin_frame()) store.abandon_frame();
   });
@@ -75,15 +80,19 @@ void put_flight_rows(const SqliteDatabase& database, Source source) {
     const char* insert;
     int columns;
   };
-  static constexpr std::array<Table, 9> kRows{{{"picture VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", 12},
-                                               {"measurement VALUES (?, ?)", 2},
-                                               {"look VALUES (?, ?, ?)", 3},
-                                               {"estimate VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", 15},
-                                               {"segment VALUES (?, ?, ?, ?, ?)", 5},
-                                               {"fix VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", 16},
-                                               {"object VALUES (?, ?, ?, ?)", 4},
-                                               {"sighting VALUES (?, ?, ?, ?, ?)", 5},
-                                               {"event VALUES (?, ?, ?, ?, ?)", 5}}};
+  static constexpr std::array<Table, 13> kRows{{{"picture VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", 12},
+                                                {"measurement VALUES (?, ?)", 2},
+                                                {"look VALUES (?, ?, ?)", 3},
+                                                {"estimate VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", 15},
+                                                {"segment VALUES (?, ?, ?, ?, ?)", 5},
+                                                {"fix VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", 16},
+                                                {"object VALUES (?, ?, ?, ?)", 4},
+                                                {"sighting VALUES (?, ?, ?, ?, ?)", 5},
+                                                {"event VALUES (?, ?, ?, ?, ?)", 5},
+                                                {"lens VALUES (?, ?, ?, ?, ?, ?, ?)", 7},
+                                                {"pose VALUES (?, ?, ?, ?, ?)", 5},
+                                                {"pose_covariance VALUES (?, ?, ?)", 3},
+                                                {"merge_basis VALUES (?, ?)", 2}}};
   for (int row = 0; row < 64 && !source.empty(); ++row) {
     const Table& table = kRows.at(source.byte() % kRows.size());
     auto insert = database.prepare(std::string("INSERT OR IGNORE INTO ") + table.insert);

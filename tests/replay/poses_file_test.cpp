@@ -64,7 +64,7 @@ class PosesFile : public ::testing::Test {
   std::string text() const { return poses_json(poses_document(subject(), frames_of_flight(), poses_)); }
   std::vector<std::optional<FramePose>> read(const std::string& bytes, const PosesSubject& wanted = subject()) const {
     folder_.write("poses.json", bytes);
-    return read_poses(folder_ / "poses.json", wanted, frames_of_flight());
+    return read_poses(folder_ / "poses.json", wanted, frames_of_flight()).poses;
   }
   std::string complaint(const std::string& bytes, const PosesSubject& wanted = subject()) const {
     try {
@@ -101,6 +101,27 @@ TEST_F(PosesFile, RoundTripsBitForBit) {
     EXPECT_EQ(again[i]->source, SourceLabel::satellite_anchored);
     EXPECT_TRUE(again[i]->refined);
   }
+}
+
+TEST_F(PosesFile, HasTheLensOfAdjustedPoses) {
+  EXPECT_FALSE(parse_poses(text(), "poses").lens);
+  const AdjustedLens lens{.log_focal = 0.1 / 3, .distortion = {-1e-3, 1.0 / 7, 0, -0.0, 2e-9}};
+  const std::string with = poses_json(poses_document(subject(), frames_of_flight(), poses_, lens));
+  folder_.write("poses.json", with);
+  EXPECT_EQ(read_poses(folder_ / "poses.json", subject(), frames_of_flight()).lens, lens);
+  const auto changed_lens = [&](const char* member, const nlohmann::json& value) {
+    nlohmann::json document = nlohmann::json::parse(with);
+    document["lens"][member] = value;
+    return complaint(document.dump());
+  };
+  EXPECT_THAT(changed_lens("log_focal", 1.5), HasSubstr("/lens/log_focal"));
+  EXPECT_THAT(changed_lens("log_focal", nullptr), HasSubstr("/lens/log_focal"));
+  EXPECT_THAT(changed_lens("distortion", {0, 0, 0, 0}), HasSubstr("/lens/distortion"));
+  EXPECT_THAT(changed_lens("distortion", {0, 0, 0, 0, 1e9}), HasSubstr("/lens/distortion/4"));
+  EXPECT_THAT(changed_lens("name", "wide"), HasSubstr("only members that this version knows"));
+  nlohmann::json without = nlohmann::json::parse(with);
+  without.erase("lens");
+  EXPECT_THAT(complaint(without.dump()), HasSubstr("lens"));
 }
 
 TEST_F(PosesFile, AFlightWithoutAnchorsHasNoPoses) {
@@ -150,12 +171,12 @@ TEST_F(PosesFile, RejectsTruncatedOrInvalidDocuments) {
   for (std::size_t length = 0; length + 2 < whole.size(); length += 23) {
     EXPECT_NE(complaint(whole.substr(0, length)), "") << length;
   }
-  for (const char* bytes : {"", "[]", "null", "\xff\xfe", "{}", R"({"schema":"nadir.poses/1"})"}) {
+  for (const char* bytes : {"", "[]", "null", "\xff\xfe", "{}", R"({"schema":"nadir.poses/2"})"}) {
     EXPECT_THAT(complaint(bytes), HasSubstr("poses.json")) << bytes;
   }
   std::string other = whole;
-  other.replace(other.find("nadir.poses/1"), 13, "nadir.poses/2");
-  EXPECT_THAT(complaint(other), HasSubstr("nadir.poses/1"));
+  other.replace(other.find("nadir.poses/2"), 13, "nadir.poses/1");
+  EXPECT_THAT(complaint(other), HasSubstr("nadir.poses/2"));
   EXPECT_THROW(read_poses(folder_ / "none.json", subject(), frames_of_flight()), Error);
 }
 

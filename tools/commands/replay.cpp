@@ -331,6 +331,7 @@ int ReplayCommand::run(Context& context) {
   std::filesystem::remove_all(stored);
   std::filesystem::remove_all(unpacked);
   write_estimates(staging.path() / "refined.csv", flown.refined);
+  std::optional<AdjustedLens> lens;
   if (adjusted) {
     write_estimates(staging.path() / "adjusted.csv", adjusted->estimates);
     std::filesystem::create_directory(staging.path() / "colmap");
@@ -338,10 +339,11 @@ int ReplayCommand::run(Context& context) {
       write_file_atomic(staging.path() / "colmap" / name, text);
     }
     flown.poses = adjusted->poses;
+    lens = adjusted_poses(*adjusted).lens;
   }
   if (package != nullptr) {
     write_file_atomic(staging.path() / kPosesFile,
-                      poses_json(poses_document(request_.poses_subject(*ready), flight.frames, flown.poses)));
+                      poses_json(poses_document(request_.poses_subject(*ready), flight.frames, flown.poses, lens)));
   }
 
   const std::optional<ReplayedFixes> fixes = replayed_fixes(recorded, flown, ready->surface);

@@ -121,7 +121,7 @@ const onEvent = (flight, kind, event) => {
     segmentsSoon(flight);
     headSoon(flight);
   }
-  if (kind === "pictures_accepted" || kind === "processing_blocked") headSoon(flight);
+  if (kind === "pictures_accepted" || kind === "processing_blocked" || kind === "diagnosis_changed") headSoon(flight);
   if (kind === "segment_anchored") { helped(); segmentsSoon(flight); }
   if (kind === "segments_merged" || kind === "merge_withdrawn") { segmentsSoon(flight); tracksSoon(flight); objectsSoon(flight); }
   if (kind === "user_fix" || kind === "fix_withdrawn") fixesSoon(flight);

@@ -67,11 +67,13 @@ const eventWords = {
   pictures_accepted: (e) => `${plural(e.accepted, "picture")} accepted` + (e.refused.length ? `, ${e.refused.length} refused` : ""),
   segment_started: (e) => `segment ${e.segment} begins`,
   segment_anchored: (e) => `segment ${e.segment} anchored to the map`,
-  segments_merged: (e) => `segment ${e.segment} placed as a whole: ${e.hits} of ${plural(e.looks, "look")} agree`,
+  segments_merged: (e) => (e.by === "ground" ? `segment ${e.segment} placed by the ground that it shares with segment ${e.onto.join(", ")}: ${plural(e.hits, "frame")} agree`
+                                             : `segment ${e.segment} placed as a whole: ${e.hits} of ${plural(e.looks, "look")} agree`),
   merge_withdrawn: (e) => `segment ${e.segment} floats again`,
   search_expanded: (e) => (e.by === "index" ? `segment ${e.segment}: searching similar places` : `searching ${Math.round(e.to_m)} m around`),
   user_input_needed: (e) => `lost: ${lostBecause(e)}`,
   user_fix: (e) => `fix by ${e.by} within ${metres(e.radius_m)}`,
+  diagnosis_changed: (e) => (e.diagnosis ? `nothing matches: ${e.diagnosis}` : "pictures match the map now"),
   fix_withdrawn: (e) => `fix ${e.fix} withdrawn`,
   processing_blocked: (e) => `blocked: ${e.reason}`,
   flight_completed: (e) => `completed: ${e.placed} of ${plural(e.frames, "frame")} placed`,
@@ -79,7 +81,7 @@ const eventWords = {
 const eventsShown = 40;
 const showEvent = (kind, event) => {
   if (!eventWords[kind]) return;
-  const line = element("li", { class: ["user_input_needed", "processing_blocked"].includes(kind) ? "warn" : "" }, element("time", {}, event.time.slice(11, 19)),
+  const line = element("li", { class: ["user_input_needed", "processing_blocked"].includes(kind) || (kind === "diagnosis_changed" && event.diagnosis) ? "warn" : "" }, element("time", {}, event.time.slice(11, 19)),
                        (event.frame === undefined ? "" : `frame ${event.frame}: `) + eventWords[kind](event));
   byId("events").prepend(line);
   while (byId("events").children.length > eventsShown) byId("events").lastChild.remove();

@@ -231,7 +231,7 @@ class OrthoCommand final : public Command {
   int run(Context& context) override;
 
  private:
-  std::vector<std::optional<FramePose>> poses_of(Context& context, const ReadyFlight& ready) const;
+  FlightPoses poses_of(Context& context, const ReadyFlight& ready) const;
 
   FlightRequest request_{"nadir ortho"};
   std::filesystem::path key_, out_;
@@ -286,10 +286,10 @@ void OrthoCommand::setup(Options& options) {
   options.value("--mosaic", mosaic_, "FILE.tif", "also write the tiles as a COG, and FILE.html beside it");
 }
 
-std::vector<std::optional<FramePose>> OrthoCommand::poses_of(Context& context, const ReadyFlight& ready) const {
+FlightPoses OrthoCommand::poses_of(Context& context, const ReadyFlight& ready) const {
   if (estimates_) return read_poses(*estimates_, request_.poses_subject(ready), ready.flight.frames);
   const Truth no_truth(ready.flight.frames.size());
-  return replay_flight(ready.flight, *ready.setup, no_truth, nullptr, context.progress).poses;
+  return {replay_flight(ready.flight, *ready.setup, no_truth, nullptr, context.progress).poses, std::nullopt};
 }
 
 int OrthoCommand::run(Context& context) {
@@ -313,10 +313,12 @@ int OrthoCommand::run(Context& context) {
   const FlatGround flat;
   const GroundSurface* surface = ready->setup->surface != nullptr ? ready->setup->surface : &flat;
   const ImageFormat format = *parse_image_format(format_);
+  const auto [poses, lens] = poses_of(context, *ready);
   CandidateMaker maker({.airframe = *request_.airframe(),
                         .flight = flight_.value_or(id_of(flight)),
                         .base_package = sha256_file(*request_.package() / "manifest.json"),
                         .camera = flight.camera.camera,
+                        .lens = lens,
                         .frame = ready->setup->frame,
                         .surface = surface,
                         .key = &key,
@@ -324,7 +326,6 @@ int OrthoCommand::run(Context& context) {
                         .format = format,
                         .quality = quality_,
                         .merge_partial_tiles = !single_frame_});
-  const auto poses = poses_of(context, *ready);
   CandidateStore store(staging.path(),
                        {.format = format, .budget_bytes = static_cast<std::uint64_t>(budget_mb_) * 1'000'000});
   const TilesSummary summary = make_flight_tiles(maker, store, flight, poses, first, frame_ms_, context.progress);
