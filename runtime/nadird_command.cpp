@@ -136,6 +136,8 @@ void NadirdCommand::setup(Options& options) {
       .formerly("--anchor-every");
   options.value("--memory-mb", memory_mb_, "MB", "memory to reserve at the start for the flight; 0: none")
       .between(0, 4096);
+  options.flag("--switch-gps", flight_.switch_gps,
+               "PX4: take GPS out of its filter while it is denied or spoofed (EKF2_GPS_CTRL)");
   options.flag("--external-position", flight_.send_external_position,
                "also send MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor");
 }

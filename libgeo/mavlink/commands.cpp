@@ -26,6 +26,9 @@ std::uint32_t message_id(StreamedMessage message) {
     case StreamedMessage::terrain_report: return MAVLINK_MSG_ID_TERRAIN_REPORT;
     case StreamedMessage::distance_sensor: return MAVLINK_MSG_ID_DISTANCE_SENSOR;
     case StreamedMessage::ekf_status: return MAVLINK_MSG_ID_EKF_STATUS_REPORT;
+    case StreamedMessage::highres_imu: return MAVLINK_MSG_ID_HIGHRES_IMU;
+    case StreamedMessage::estimator_status: return MAVLINK_MSG_ID_ESTIMATOR_STATUS;
+    case StreamedMessage::local_origin: return MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN;
     case StreamedMessage::autopilot_version: return MAVLINK_MSG_ID_AUTOPILOT_VERSION;
     case StreamedMessage::sim_state: return MAVLINK_MSG_ID_SIM_STATE;
   }

@@ -19,6 +19,9 @@ enum class StreamedMessage {
   terrain_report,
   distance_sensor,
   ekf_status,
+  highres_imu,
+  estimator_status,
+  local_origin,
   autopilot_version,
   sim_state,
 };

@@ -51,10 +51,20 @@ std::string text_of(const char (&field)[size]) {
   return {field, strnlen(field, size)};
 }
 
+AutopilotType autopilot_type(std::uint8_t number) {
+  switch (number) {
+    case MAV_AUTOPILOT_INVALID: return AutopilotType::none;
+    case MAV_AUTOPILOT_ARDUPILOTMEGA: return AutopilotType::ardupilot;
+    case MAV_AUTOPILOT_PX4: return AutopilotType::px4;
+    default: return AutopilotType::other;
+  }
+}
+
 Decoded from_wire(const mavlink_heartbeat_t& w) {
   return Heartbeat{.vehicle_type = w.type,
                    .is_autopilot = w.autopilot != MAV_AUTOPILOT_INVALID,
-                   .is_ardupilot = w.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA,
+                   .autopilot = autopilot_type(w.autopilot),
+                   .autopilot_number = w.autopilot,
                    .armed = (w.base_mode & MAV_MODE_FLAG_SAFETY_ARMED) != 0,
                    .custom_mode = w.custom_mode,
                    .state = limited(w.system_status, SystemState::emergency)};
@@ -121,6 +131,12 @@ ImuSample imu_sample(const Wire& w, int instance, std::uint64_t time_us) {
 
 Decoded from_wire(const mavlink_raw_imu_t& w) { return imu_sample(w, w.id + 1, w.time_usec); }
 Decoded from_wire(const mavlink_scaled_imu_t& w) { return imu_sample(w, 1, w.time_boot_ms * 1000ULL); }
+Decoded from_wire(const mavlink_highres_imu_t& w) {
+  const Vector3 acceleration{w.xacc, w.yacc, w.zacc}, rate{w.xgyro, w.ygyro, w.zgyro};
+  if (!finite(acceleration) || !finite(rate)) return std::nullopt;
+  return ImuSample{w.id + 1, w.time_usec, acceleration, rate};
+}
+
 Decoded from_wire(const mavlink_terrain_report_t& w) {
   if (!finite(w.terrain_height, w.current_height)) return std::nullopt;
   if (w.spacing == 0) return OtherMessage{MAVLINK_MSG_ID_TERRAIN_REPORT};  // "not known there"
@@ -149,13 +165,24 @@ Decoded from_wire(const mavlink_ekf_status_report_t& w) {
                    .compass_variance = w.compass_variance};
 }
 
+Decoded from_wire(const mavlink_estimator_status_t& w) {
+  return EstimatorStatus{.horizontal_position_absolute = (w.flags & ESTIMATOR_POS_HORIZ_ABS) != 0,
+                         .gps_glitching = (w.flags & ESTIMATOR_GPS_GLITCH) != 0,
+                         .horizontal_position_ratio = w.pos_horiz_ratio,
+                         .horizontal_accuracy_m = w.pos_horiz_accuracy};
+}
+
+Decoded from_wire(const mavlink_gps_global_origin_t& w) {
+  return LocalOrigin{place_e7(w.latitude, w.longitude), w.altitude * 1e-3};
+}
+
 Decoded from_wire(const mavlink_statustext_t& w) {
   return StatusText{limited(w.severity, TextSeverity::debug), text_of(w.text), w.id, w.chunk_seq};
 }
 
 Decoded from_wire(const mavlink_param_value_t& w) {
   return ParameterValue{.name = text_of(w.param_id),
-                        .value = w.param_value,
+                        .wire_value = w.param_value,
                         .type = w.param_type,
                         .count = w.param_count,
                         .index = w.param_index == UINT16_MAX ? -1 : w.param_index};
@@ -224,6 +251,10 @@ void put_text(char (&field)[size], std::string_view text) {
   std::memcpy(field, text.data(), length);
 }
 
+constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
+
+float or_unknown(std::optional<double> value) { return value ? static_cast<float>(*value) : kUnknown; }
+
 // 0 means "no yaw"; north is 36000.
 std::uint16_t yaw_cdeg(std::optional<double> yaw_rad) {
   if (!yaw_rad || !std::isfinite(*yaw_rad)) return 0;
@@ -283,6 +314,62 @@ class Writer {
     w.satellites_visible = rounded<std::uint8_t>(m.satellites);
     w.yaw = yaw_cdeg(m.yaw_rad);
     return pack(mavlink_msg_gps_input_encode_status, w);
+  }
+
+  Bytes operator()(const GlobalPositionSensor& m) {
+    mavlink_global_position_sensor_t w{};
+    w.target_system = m.target.system;
+    w.target_component = m.target.component;
+    w.id = m.sensor_id;
+    w.time_usec = static_cast<std::uint64_t>(std::max<std::int64_t>(m.unix_us, 0));
+    w.processing_time = rounded<std::uint32_t>(m.processing_s * 1e6);
+    w.source = GLOBAL_POSITION_SRC_VISION;
+    w.lat = rounded<std::int32_t>(m.place.lat_deg * 1e7);
+    w.lon = rounded<std::int32_t>(m.place.lon_deg * 1e7);
+    w.alt_ellipsoid = kUnknown;
+    w.alt = or_unknown(m.msl_m);
+    w.eph = static_cast<float>(m.sigma_m);
+    w.epv = or_unknown(m.vertical_sigma_m);
+    return pack(mavlink_msg_global_position_sensor_encode_status, w);
+  }
+
+  Bytes operator()(const LocalPosition& m) {
+    mavlink_odometry_t w{};
+    w.time_usec = static_cast<std::uint64_t>(std::max<std::int64_t>(m.unix_us, 0));
+    w.frame_id = MAV_FRAME_LOCAL_NED;
+    w.child_frame_id = MAV_FRAME_BODY_FRD;
+    w.x = static_cast<float>(m.north_m);
+    w.y = static_cast<float>(m.east_m);
+    w.z = static_cast<float>(m.down_m);
+    std::ranges::fill(w.q, kUnknown);
+    w.vx = w.vy = w.vz = w.rollspeed = w.pitchspeed = w.yawspeed = kUnknown;
+    // Rows of the upper right triangle, of x, y, z, roll, pitch, yaw.
+    std::ranges::fill(w.pose_covariance, kUnknown);
+    std::ranges::fill(w.velocity_covariance, kUnknown);
+    const auto variance = [](double sigma) { return static_cast<float>(sigma * sigma); };
+    w.pose_covariance[0] = w.pose_covariance[6] = variance(m.sigma_m);
+    w.pose_covariance[1] = w.pose_covariance[2] = w.pose_covariance[7] = 0;
+    w.pose_covariance[11] = variance(m.vertical_sigma_m);
+    w.reset_counter = m.reset_counter;
+    w.estimator_type = MAV_ESTIMATOR_TYPE_VISION;
+    return pack(mavlink_msg_odometry_encode_status, w);
+  }
+
+  Bytes operator()(const SetLocalOrigin& m) {
+    mavlink_set_gps_global_origin_t w{};
+    w.target_system = m.target_system;
+    w.latitude = rounded<std::int32_t>(m.place.lat_deg * 1e7);
+    w.longitude = rounded<std::int32_t>(m.place.lon_deg * 1e7);
+    w.altitude = rounded<std::int32_t>(m.msl_m * 1e3);
+    return pack(mavlink_msg_set_gps_global_origin_encode_status, w);
+  }
+
+  Bytes operator()(const NamedValue& m) {
+    mavlink_named_value_float_t w{};
+    w.time_boot_ms = m.boot_ms;
+    put_text(w.name, m.name);
+    w.value = m.value;
+    return pack(mavlink_msg_named_value_float_encode_status, w);
   }
 
   Bytes operator()(const StatusText& m) {
@@ -350,7 +437,7 @@ class Writer {
     w.target_system = m.target.system;
     w.target_component = m.target.component;
     put_text(w.param_id, m.name);
-    w.param_value = m.value;
+    w.param_value = m.wire_value;
     w.param_type = m.type;
     return pack(mavlink_msg_param_set_encode_status, w);
   }
@@ -388,9 +475,12 @@ std::optional<IncomingMessage> decode(const MavlinkFrame& frame) {
     case MAVLINK_MSG_ID_GPS2_RAW: return unpacked(message, mavlink_msg_gps2_raw_decode);
     case MAVLINK_MSG_ID_RAW_IMU: return unpacked(message, mavlink_msg_raw_imu_decode);
     case MAVLINK_MSG_ID_SCALED_IMU: return unpacked(message, mavlink_msg_scaled_imu_decode);
+    case MAVLINK_MSG_ID_HIGHRES_IMU: return unpacked(message, mavlink_msg_highres_imu_decode);
     case MAVLINK_MSG_ID_TERRAIN_REPORT: return unpacked(message, mavlink_msg_terrain_report_decode);
     case MAVLINK_MSG_ID_DISTANCE_SENSOR: return unpacked(message, mavlink_msg_distance_sensor_decode);
     case MAVLINK_MSG_ID_EKF_STATUS_REPORT: return unpacked(message, mavlink_msg_ekf_status_report_decode);
+    case MAVLINK_MSG_ID_ESTIMATOR_STATUS: return unpacked(message, mavlink_msg_estimator_status_decode);
+    case MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: return unpacked(message, mavlink_msg_gps_global_origin_decode);
     case MAVLINK_MSG_ID_STATUSTEXT: return unpacked(message, mavlink_msg_statustext_decode);
     case MAVLINK_MSG_ID_PARAM_VALUE: return unpacked(message, mavlink_msg_param_value_decode);
     case MAVLINK_MSG_ID_COMMAND_INT: return unpacked(message, mavlink_msg_command_int_decode);

@@ -59,10 +59,14 @@ struct CommandInt {
 
 // ---- incoming
 
+// The autopilot's software, as its heartbeat names it.
+enum class AutopilotType : std::uint8_t { none, ardupilot, px4, other };
+
 struct Heartbeat {
   std::uint8_t vehicle_type = 0;
   bool is_autopilot = false;  // not a ground station, a camera or a companion computer
-  bool is_ardupilot = false;
+  AutopilotType autopilot = AutopilotType::none;
+  std::uint8_t autopilot_number = 0;  // MAV_AUTOPILOT, for messages about others
   bool armed = false;
   std::uint32_t custom_mode = 0;  // the flight mode, numbered per vehicle type
   SystemState state = SystemState::uninitialized;
@@ -109,7 +113,8 @@ struct GpsRaw {
   std::optional<double> yaw_rad{};
 };
 
-// RAW_IMU (any instance) and SCALED_IMU; ArduPilot sends both in milli-g and milliradians per second.
+// RAW_IMU (any instance) and SCALED_IMU, which ArduPilot sends in milli-g and milliradians per second; HIGHRES_IMU of
+// PX4, in SI units.
 struct ImuSample {
   int instance = 1;
   std::uint64_t time_us = 0;
@@ -146,9 +151,24 @@ struct EkfStatus {
   double compass_variance = 0;
 };
 
+// PX4's ESTIMATOR_STATUS.
+struct EstimatorStatus {
+  bool horizontal_position_absolute = false;
+  bool gps_glitching = false;
+  double horizontal_position_ratio = 0;  // of the innovation to its gate: above 1 it is rejected. May be NaN
+  double horizontal_accuracy_m = 0;      // one sigma. May be NaN
+};
+
+// GPS_GLOBAL_ORIGIN: the origin of the autopilot's local frame.
+struct LocalOrigin {
+  LonLat place{};
+  double msl_m = 0;
+};
+
+// Autopilots encode integers differently: parameters.hpp.
 struct ParameterValue {
   std::string name{};
-  double value = 0;  // may be NaN
+  float wire_value = 0;  // any bits
   std::uint8_t type = 0;
   int count = 0;
   int index = -1;  // -1: unknown
@@ -163,6 +183,9 @@ struct AutopilotVersion {
   std::uint64_t uid = 0;
   std::array<std::uint8_t, 18> uid2{};
 };
+
+// The first version of PX4 with GLOBAL_POSITION_SENSOR and with signed links: 1.18, as flight_software.
+inline constexpr std::uint32_t kPx4GlobalPosition = (1U << 24) | (18U << 16);
 
 // Ground truth of a simulator.
 struct SimState {
@@ -183,7 +206,8 @@ struct OtherMessage {
 
 using IncomingMessage =
     std::variant<OtherMessage, Heartbeat, SystemTime, AircraftAttitude, GlobalPosition, GpsRaw, ImuSample, GroundHeight,
-                 GroundDistance, EkfStatus, StatusText, ParameterValue, CommandInt, AutopilotVersion, SimState>;
+                 GroundDistance, EkfStatus, EstimatorStatus, LocalOrigin, StatusText, ParameterValue, CommandInt,
+                 AutopilotVersion, SimState>;
 
 // ---- outgoing
 
@@ -219,6 +243,37 @@ struct GpsInput {
   std::optional<double> yaw_rad{};
 };
 
+// A position for PX4's filter, valid when it is sent: GLOBAL_POSITION_SENSOR, source vision.
+struct GlobalPositionSensor {
+  MavlinkAddress target{};
+  std::uint8_t sensor_id = 1;
+  std::int64_t unix_us = 0;
+  double processing_s = 0;  // from the moment of the position to its sending
+  LonLat place{};
+  double sigma_m = 0;  // horizontal, one axis
+  std::optional<double> msl_m{};
+  std::optional<double> vertical_sigma_m{};
+};
+
+// A position in the autopilot's local frame, valid when it is sent: ODOMETRY in MAV_FRAME_LOCAL_NED. Attitude and
+// velocities are sent as unknown.
+struct LocalPosition {
+  std::int64_t unix_us = 0;
+  double north_m = 0;
+  double east_m = 0;
+  double down_m = 0;
+  double sigma_m = 0;  // horizontal, one axis
+  double vertical_sigma_m = 0;
+  std::uint8_t reset_counter = 0;  // another number: the position has jumped
+};
+
+// SET_GPS_GLOBAL_ORIGIN.
+struct SetLocalOrigin {
+  std::uint8_t target_system = 0;
+  LonLat place{};
+  double msl_m = 0;
+};
+
 // The seven parameters may be NaN ("not used").
 struct CommandLong {
   MavlinkAddress target{};
@@ -241,8 +296,15 @@ struct ParameterRequest {
 struct ParameterSet {
   MavlinkAddress target{};
   std::string name{};  // at most 16 bytes
-  float value = 0;
+  float wire_value = 0;
   std::uint8_t type = 9;  // that of the ParameterValue; ArduPilot takes any
+};
+
+// A figure for people: ground stations show and plot it under its name.
+struct NamedValue {
+  std::uint32_t boot_ms = 0;
+  std::string name{};  // at most 10 bytes
+  float value = 0;
 };
 
 // Contains the secret key: send it over a private link only, and never log it.
@@ -252,8 +314,9 @@ struct SigningSetup {
   std::uint64_t timestamp_10us = 0;
 };
 
-using OutgoingMessage = std::variant<OwnHeartbeat, GpsInput, StatusText, CommandLong, CommandInt, CommandAck,
-                                     ParameterRequest, ParameterSet, SigningSetup>;
+using OutgoingMessage =
+    std::variant<OwnHeartbeat, GpsInput, GlobalPositionSensor, LocalPosition, SetLocalOrigin, StatusText, CommandLong,
+                 CommandInt, CommandAck, ParameterRequest, ParameterSet, NamedValue, SigningSetup>;
 
 // ---- on the wire
 

@@ -40,6 +40,9 @@ std::string airframe_json(const Airframe& airframe) {
                                            {"component", airframe.component},
                                            {"link", airframe.link},
                                            {"gps_id", airframe.gps_id}}}});
+  for (const AirframeParameter& one : airframe.parameters) {
+    document["mavlink"]["parameters"].push_back({{"name", one.name}, {"value", one.value}});
+  }
   return document.dump(1) + "\n";
 }
 

@@ -12,6 +12,7 @@
 #include "base/plural.hpp"
 #include "mavlink/commands.hpp"
 #include "mavlink/gps_input.hpp"
+#include "mavlink/parameters.hpp"
 
 namespace nadir {
 namespace {
@@ -26,11 +27,11 @@ std::string uid_of(const AutopilotVersion& version) {
 }
 
 void check(const AutopilotSession& session, const Heartbeat& heartbeat) {
-  if (!heartbeat.is_ardupilot) {
-    throw Error({.what = "this autopilot is not ArduPilot",
+  if (heartbeat.autopilot != AutopilotType::ardupilot && heartbeat.autopilot != AutopilotType::px4) {
+    throw Error({.what = "this autopilot is not supported",
                  .where = session.url(),
-                 .expected = "ArduPilot",
-                 .found = "another autopilot"});
+                 .expected = "ArduPilot or PX4",
+                 .found = fmt::format("MAV_AUTOPILOT {}", heartbeat.autopilot_number)});
   }
   if (heartbeat.armed) {
     throw Error({.what = "the aircraft is armed",
@@ -62,11 +63,13 @@ AutopilotIdentity identify(AutopilotSession& session) {
                  .fix = "check power, cable, address and baud rate; a signed link needs --signing-key"});
   }
   check(session, *received);
+  identity.type = received->autopilot;
   const bool known = session.request(
       request_message(identity.address, StreamedMessage::autopilot_version), [&](const ReceivedMessage& message) {
         const auto* version = std::get_if<AutopilotVersion>(&message.message);
         if (version == nullptr || message.source != identity.address) return false;
         const std::uint32_t v = version->flight_software;
+        identity.software = v;
         identity.version = fmt::format("{}.{}.{}", v >> 24, (v >> 16) & 0xFF, (v >> 8) & 0xFF);
         identity.uid = uid_of(*version);
         return true;
@@ -77,7 +80,7 @@ AutopilotIdentity identify(AutopilotSession& session) {
          .where = session.url(),
          .expected = "AUTOPILOT_VERSION with the processor's identity",
          .found = known ? "an identity of zeros" : fmt::format("no answer in {} s", session.timeout_s()),
-         .fix = "give its --signing-key if it has one, else update it: ArduPilot identifies itself since version 4.0"});
+         .fix = "give its --signing-key if it has one, else update it: ArduPilot identifies itself since version 4.0, PX4 since 1.11"});
   }
   return identity;
 }
@@ -87,7 +90,36 @@ namespace {
 constexpr double kMavlinkGps = 14;
 constexpr double kGpsDelay_ms = 10;  // our fixes are current; 0 would mean 200 to ArduPilot
 
-std::vector<AutopilotParameter> wanted(int receiver) {
+bool takes_global_position(const AutopilotIdentity& autopilot) {
+  return autopilot.type == AutopilotType::px4 && autopilot.software >= kPx4GlobalPosition;
+}
+
+// PX4's sources: src/modules/ekf2/params_aux_global_position.yaml and params_external_vision.yaml. The gate is 5 sigmas
+// as that of ArduPilot; the height comes from the barometer, as a camera does not measure it; no delay is assumed, as
+// our position is propagated to the moment of its sending. EKF2_GPS_CTRL is the operator's, and only watched.
+std::vector<AutopilotParameter> wanted_of_px4(const AutopilotIdentity& autopilot, int receiver) {
+  std::vector<AutopilotParameter> wanted;
+  if (takes_global_position(autopilot)) {
+    const auto slot = [&](std::string_view what) { return fmt::format("EKF2_AGP{}_{}", receiver - 1, what); };
+    wanted = {{.name = slot("ID"), .wanted = static_cast<double>(receiver)},
+              {.name = slot("CTRL"), .wanted = 1},
+              {.name = slot("MODE"), .wanted = 0},
+              {.name = slot("DELAY"), .wanted = 0},
+              {.name = slot("GATE"), .wanted = 5}};
+  } else {
+    wanted = {{.name = "EKF2_EV_CTRL", .wanted = 1},
+              {.name = "EKF2_EV_NOISE_MD", .wanted = 0},
+              {.name = "EKF2_EV_QMIN", .wanted = 0},
+              {.name = "EKF2_EV_DELAY", .wanted = 0},
+              {.name = "EKF2_EVP_GATE", .wanted = 5}};
+  }
+  wanted.push_back({.name = "EKF2_HGT_REF", .wanted = 0});
+  wanted.push_back({.name = "EKF2_GPS_CTRL", .kept = true});
+  return wanted;
+}
+
+std::vector<AutopilotParameter> wanted(const AutopilotIdentity& autopilot, int receiver) {
+  if (autopilot.type == AutopilotType::px4) return wanted_of_px4(autopilot, receiver);
   return {{.name = fmt::format("GPS{}_TYPE", receiver), .wanted = kMavlinkGps},
           {.name = fmt::format("GPS{}_DELAY_MS", receiver), .wanted = kGpsDelay_ms},
           {.name = "EK3_SRC1_POSXY", .wanted = 3},
@@ -96,34 +128,41 @@ std::vector<AutopilotParameter> wanted(int receiver) {
           {.name = "EK3_SRC1_YAW", .wanted = 1}};
 }
 
-std::optional<ParameterValue> ask(AutopilotSession& session, MavlinkAddress autopilot, const std::string& name,
-                                  const OutgoingMessage& request, std::optional<double> until) {
-  std::optional<ParameterValue> answer;
+struct ReadParameter {
+  double value = 0;
+  std::uint8_t type = 0;
+};
+
+std::optional<ReadParameter> ask(AutopilotSession& session, const AutopilotIdentity& autopilot, const std::string& name,
+                                 const OutgoingMessage& request, std::optional<double> until) {
+  std::optional<ReadParameter> answer;
   session.request(request, [&](const ReceivedMessage& message) {
     const auto* value = std::get_if<ParameterValue>(&message.message);
-    if (value == nullptr || message.source != autopilot || value->name != name) return false;
-    answer = *value;
-    return !until || value->value == *until;
+    if (value == nullptr || message.source != autopilot.address || value->name != name) return false;
+    answer = {value_of(*value, parameter_encoding(autopilot.type)), value->type};
+    return !until || answer->value == *until;
   });
   return answer;
 }
 
-std::optional<ParameterValue> read(AutopilotSession& session, MavlinkAddress autopilot, const std::string& name) {
-  return ask(session, autopilot, name, ParameterRequest{autopilot, name}, {});
+std::optional<ReadParameter> read(AutopilotSession& session, const AutopilotIdentity& autopilot,
+                                  const std::string& name) {
+  return ask(session, autopilot, name, ParameterRequest{autopilot.address, name}, {});
 }
 
 // The value that the autopilot reports when it is asked again.
-std::optional<ParameterValue> set(AutopilotSession& session, MavlinkAddress autopilot, const AutopilotParameter& one,
-                                  double value) {
-  const ParameterSet request{autopilot, one.name, static_cast<float>(value), one.type};
-  const auto answer = ask(session, autopilot, one.name, request, value);
+std::optional<ReadParameter> set(AutopilotSession& session, const AutopilotIdentity& autopilot,
+                                 const AutopilotParameter& one, double value) {
+  const float wire = wire_value(value, one.type, parameter_encoding(autopilot.type));
+  const auto answer = ask(session, autopilot, one.name, ParameterSet{autopilot.address, one.name, wire, one.type}, value);
   return answer && answer->value == value ? read(session, autopilot, one.name) : answer;
 }
 
 }  // namespace
 
-std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, MavlinkAddress autopilot, int receiver) {
-  std::vector<AutopilotParameter> parameters = wanted(receiver);
+std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, const AutopilotIdentity& autopilot,
+                                                int receiver) {
+  std::vector<AutopilotParameter> parameters = wanted(autopilot, receiver);
   for (AutopilotParameter& one : parameters) {
     const auto answer = read(session, autopilot, one.name);
     if (!answer) {
@@ -131,15 +170,19 @@ std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, Mavli
                    .where = one.name,
                    .expected = "its value",
                    .found = fmt::format("no answer in {} s", session.timeout_s()),
-                   .fix = "ArduPilot 4.6 or later with EKF3 is needed; GPS2_TYPE exists when GPS2 is enabled"});
+                   .fix = autopilot.type == AutopilotType::px4
+                              ? "the firmware must contain EKF2 with auxiliary global position (from 1.18 on) or external "
+                                "vision (CONFIG_EKF2_AUX_GLOBAL_POSITION, CONFIG_EKF2_EXTERNAL_VISION)"
+                              : "ArduPilot 4.6 or later with EKF3 is needed; GPS2_TYPE exists when GPS2 is enabled"});
     }
     one.present = answer->value;
     one.type = answer->type;
+    if (one.kept) one.wanted = one.present;
   }
   return parameters;
 }
 
-void set_parameters(AutopilotSession& session, MavlinkAddress autopilot,
+void set_parameters(AutopilotSession& session, const AutopilotIdentity& autopilot,
                     const std::vector<AutopilotParameter>& parameters, std::vector<AutopilotParameter>& changed) {
   for (const AutopilotParameter& one : parameters) {
     if (!one.differs()) continue;
@@ -155,7 +198,7 @@ void set_parameters(AutopilotSession& session, MavlinkAddress autopilot,
   }
 }
 
-std::vector<std::string> restore_parameters(AutopilotSession& session, MavlinkAddress autopilot,
+std::vector<std::string> restore_parameters(AutopilotSession& session, const AutopilotIdentity& autopilot,
                                             const std::vector<AutopilotParameter>& changed) {
   std::vector<std::string> failed;
   for (const AutopilotParameter& one : std::views::reverse(changed)) {
@@ -174,25 +217,33 @@ constexpr LonLat kNowhere{-11.2345678, 2.3456789};       // the Gulf of Guinea
 constexpr double kNowhereSigma_m = 100;                  // arming and the filter require 5
 constexpr double kSamePlace_deg = 1e-6;
 
+StreamedMessage imu_stream(const AutopilotIdentity& autopilot) {
+  return autopilot.type == AutopilotType::px4 ? StreamedMessage::highres_imu : StreamedMessage::raw_imu;
+}
+
 // By the autopilot's clock; 0 when none came.
-double imu_rate_hz(AutopilotSession& session, MavlinkAddress autopilot) {
+double imu_rate_hz(AutopilotSession& session, const AutopilotIdentity& autopilot) {
   std::optional<std::uint64_t> first_us;
   std::uint64_t last_us = 0;
   int samples = 0;
   const auto count = [&](const ReceivedMessage& message) {
     const auto* imu = std::get_if<ImuSample>(&message.message);
-    if (imu == nullptr || message.source != autopilot || imu->instance != 1 || imu->time_us <= last_us) return false;
+    if (imu == nullptr || message.source != autopilot.address || imu->instance != 1 || imu->time_us <= last_us) return false;
     last_us = imu->time_us;
     if (!first_us) first_us = last_us;
     return ++samples > kImuSamples || last_us - *first_us > kMaxMeasurement_us;
   };
-  session.request(set_message_interval(autopilot, StreamedMessage::raw_imu, kWantedImuRate_hz), count);
+  session.request(set_message_interval(autopilot.address, imu_stream(autopilot), kWantedImuRate_hz), count);
   return samples < 2 ? 0 : (samples - 1) * 1e6 / static_cast<double>(last_us - *first_us);
 }
 
 }  // namespace
 
-double check_imu_rate(AutopilotSession& session, MavlinkAddress autopilot) {
+std::string_view imu_name(const AutopilotIdentity& autopilot) {
+  return autopilot.type == AutopilotType::px4 ? "HIGHRES_IMU" : "RAW_IMU";
+}
+
+double check_imu_rate(AutopilotSession& session, const AutopilotIdentity& autopilot) {
   const auto until =
       std::chrono::steady_clock::now() + std::chrono::duration<double>(kSettling_s + session.timeout_s());
   double rate_hz = 0;
@@ -203,9 +254,12 @@ double check_imu_rate(AutopilotSession& session, MavlinkAddress autopilot) {
   throw Error(
       {.what = "the rate of the accelerometer is too low",
        .where = session.url(),
-       .expected = fmt::format("RAW_IMU at {} Hz, as asked for; at least {}", kWantedImuRate_hz, kMinImuRate_hz),
+       .expected = fmt::format("{} at {} Hz, as asked for; at least {}", imu_name(autopilot), kWantedImuRate_hz,
+                               kMinImuRate_hz),
        .found = rate_hz > 0 ? fmt::format("{:.1f} Hz by the autopilot's clock", rate_hz) : "none",
-       .fix = "raise the link's baud rate, and lower the SRn_ rates of other streams on it"});
+       .fix = autopilot.type == AutopilotType::px4
+                  ? "raise the link's baud rate (SER_…_BAUD), and set MAV_n_MODE 2 (Onboard) and MAV_n_RATE 0"
+                  : "raise the link's baud rate, and lower the SRn_ rates of other streams on it"});
 }
 
 void check_gps_input(AutopilotSession& session, MavlinkAddress autopilot, int receiver) {
@@ -230,6 +284,20 @@ void check_gps_input(AutopilotSession& session, MavlinkAddress autopilot, int re
                .fix = "restart the autopilot, which reads the receivers' types at its start, and provision again"});
 }
 
+void check_estimator(AutopilotSession& session, MavlinkAddress autopilot) {
+  const bool reported =
+      session.request(set_message_interval(autopilot, StreamedMessage::estimator_status, 4),
+                      [&](const ReceivedMessage& message) {
+                        return message.source == autopilot && std::holds_alternative<EstimatorStatus>(message.message);
+                      });
+  if (reported) return;
+  throw Error({.what = "PX4's position filter does not report",
+               .where = session.url(),
+               .expected = "ESTIMATOR_STATUS",
+               .found = fmt::format("none in {} s", session.timeout_s()),
+               .fix = "look at its messages: EKF2 must run (EKF2_EN 1, sensors calibrated)"});
+}
+
 namespace {
 
 std::optional<std::uint32_t> boot_ms(AutopilotSession& session, MavlinkAddress autopilot,
@@ -244,8 +312,10 @@ std::optional<std::uint32_t> boot_ms(AutopilotSession& session, MavlinkAddress a
   return answer;
 }
 
-// Whether the autopilot reads this parameter only at its start.
+// Whether the autopilot reads this parameter only at its start. PX4 does so with the delays and the references; it
+// restarts in seconds.
 bool needs_restart(const AutopilotParameter& parameter) {
+  if (parameter.name.starts_with("EKF2_")) return true;
   return parameter.name.ends_with("_TYPE") || parameter.name.ends_with("_DELAY_MS");
 }
 
@@ -255,7 +325,7 @@ struct Changes {
 };
 
 // What could not be reverted; empty when all is as before.
-std::string revert(AutopilotSession& session, MavlinkAddress autopilot, const Changes& changes) {
+std::string revert(AutopilotSession& session, const AutopilotIdentity& autopilot, const Changes& changes) {
   session.ignore_interrupts();
   const SignatureCounts received = session.counts().signatures;
   const bool signs = changes.key && received.accepted > 0;
@@ -267,7 +337,7 @@ std::string revert(AutopilotSession& session, MavlinkAddress autopilot, const Ch
   }
   const auto failed = restore_parameters(session, autopilot, changes.parameters);
   if (!failed.empty()) left += fmt::format("not reverted: {}; ", fmt::join(failed, ", "));
-  const bool without_key = signs ? remove_key(session, autopilot) : !changes.key || received.without > 0;
+  const bool without_key = signs ? remove_key(session, autopilot.address) : !changes.key || received.without > 0;
   if (!without_key) left += "it may still have the signing key: keep that key file; ";
   return left;
 }
@@ -292,8 +362,16 @@ Provisioned provision(AutopilotSession& session, const AutopilotIdentity& autopi
                       const std::function<void()>& last, const std::function<void(std::string_view)>& on_step) {
   Provisioned result;
   Changes changes;
+  const bool px4 = autopilot.type == AutopilotType::px4;
+  if (options.key && px4 && !takes_global_position(autopilot)) {
+    throw Error({.what = "this version of PX4 cannot sign its link",
+                 .where = session.url(),
+                 .expected = "PX4 1.18 or later with --signing-key",
+                 .found = "PX4 " + autopilot.version,
+                 .fix = "update it, or leave --signing-key away; nadird then needs --unsigned-link"});
+  }
   try {
-    set_parameters(session, autopilot.address, parameters, changes.parameters);
+    set_parameters(session, autopilot, parameters, changes.parameters);
     on_step(count(changes.parameters.size(), "parameter") + " set");
     if (std::ranges::any_of(changes.parameters, needs_restart)) {
       restart(session, autopilot.address);
@@ -306,17 +384,22 @@ Provisioned provision(AutopilotSession& session, const AutopilotIdentity& autopi
       result.key_installed = true;
       on_step("the link is signed");
     }
-    result.imu_rate_hz = check_imu_rate(session, autopilot.address);
-    check_gps_input(session, autopilot.address, options.receiver);
-    on_step("RAW_IMU and GPS_INPUT work");
+    result.imu_rate_hz = check_imu_rate(session, autopilot);
+    if (px4) {
+      check_estimator(session, autopilot.address);
+      on_step("HIGHRES_IMU and ESTIMATOR_STATUS work");
+    } else {
+      check_gps_input(session, autopilot.address, options.receiver);
+      on_step("RAW_IMU and GPS_INPUT work");
+    }
     last();
   } catch (const Error& error) {
     ErrorText text = error.text();
-    const std::string left = revert(session, autopilot.address, changes);
+    const std::string left = revert(session, autopilot, changes);
     text.fix = (left.empty() ? "all changes to the autopilot were reverted; " : left) + text.fix;
     throw Error(text);
   } catch (const Interrupted&) {
-    revert(session, autopilot.address, changes);
+    revert(session, autopilot, changes);
     throw;
   }
   return result;

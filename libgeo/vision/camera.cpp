@@ -2,6 +2,7 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <string_view>
 
@@ -120,13 +121,33 @@ double angle(const YamlNode& parent, std::string_view key, double most_deg) {
   return radians(value_deg);
 }
 
+constexpr std::size_t kMostParameters = 64;
+constexpr std::size_t kLongestParameterName = 16;  // of PARAM_VALUE
+
+std::vector<AirframeParameter> read_parameters(const YamlNode& node) {
+  std::vector<AirframeParameter> parameters;
+  for (const YamlNode& item : node.items()) {
+    if (parameters.size() == kMostParameters) node.reject(std::to_string(kMostParameters) + " parameters at most");
+    item.allow_only({"name", "value"});
+    const YamlNode name = item.required("name");
+    const std::string text = name.text();
+    const bool plain = std::ranges::all_of(text, [](unsigned char c) { return std::isalnum(c) != 0 || c == '_'; });
+    if (text.empty() || text.size() > kLongestParameterName || !plain) {
+      name.reject("a parameter's name of at most 16 letters, digits and '_'");
+    }
+    parameters.push_back({text, item.required("value").number()});
+  }
+  return parameters;
+}
+
 void read_link(const YamlNode& node, Airframe& airframe) {
-  node.allow_only({"system", "autopilot", "component", "link", "gps_id"});
+  node.allow_only({"system", "autopilot", "component", "link", "gps_id", "parameters"});
   if (const auto value = node.optional("system")) airframe.system = number_of(*value, 1);
   if (const auto value = node.optional("autopilot")) airframe.autopilot = number_of(*value, 1);
   if (const auto value = node.optional("component")) airframe.component = number_of(*value, 1);
   if (const auto value = node.optional("link")) airframe.link = number_of(*value, 0);
   if (const auto value = node.optional("gps_id")) airframe.gps_id = number_of(*value, 0);
+  if (const auto list = node.optional("parameters")) airframe.parameters = read_parameters(*list);
 }
 
 std::string read_id(const YamlNode& node) {

@@ -16,6 +16,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "base/time.hpp"
 #include "vision/localizer_parameters.hpp"
@@ -77,6 +78,12 @@ Eigen::Matrix3d enu_from_camera(const Attitude& attitude);
 
 // The aircraft: its camera, how that is mounted, and its identity on the MAVLink network. airframe.json
 // (docs/formats/airframe.md), written by whoever provisions the aircraft.
+// Of the autopilot, as provisioning left it.
+struct AirframeParameter {
+  std::string name;
+  double value = 0;
+};
+
 struct Airframe {
   std::string id;
   CameraFile camera;
@@ -93,6 +100,7 @@ struct Airframe {
   // neither.
   std::optional<std::int64_t> sequence{};
   std::optional<UtcTime> expires{};
+  std::vector<AirframeParameter> parameters{};  // compared before take-off
 };
 
 // Throw UsageError with file, line and column.

@@ -13,13 +13,6 @@ constexpr double kHeartbeatPeriod_s = 1, kRequestPeriod_s = 10, kUnauthenticated
                  kThreadLimit_s = 2;
 constexpr int kMaxWait_ms = 20;
 
-// ArduPlane sends at most every 20 ms, and warns the operator about any request above 40 Hz.
-constexpr std::pair<StreamedMessage, double> kRequestedStreams[] = {
-    {StreamedMessage::attitude, 25},      {StreamedMessage::global_position, 5}, {StreamedMessage::gps_raw, 5},
-    {StreamedMessage::gps2_raw, 5},       {StreamedMessage::raw_imu, 40},        {StreamedMessage::ekf_status, 4},
-    {StreamedMessage::terrain_report, 2}, {StreamedMessage::distance_sensor, 5}, {StreamedMessage::system_time, 1},
-};
-
 std::int64_t us(double seconds) { return std::llround(seconds * 1e6); }
 
 // number: 0 for the autopilot's link, then the stations. Each link signs with a link id of its own.
@@ -65,6 +58,12 @@ AutopilotLink::AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock,
       link_(std::move(setup.transport), {airframe_.system, airframe_.component},
             signing_of(setup, signing_time_, streams_, 0), MavlinkAddress{airframe_.system, airframe_.autopilot}),
       fixes_(airframe_.gps_id),
+      backend_(
+          make_autopilot_backend(AutopilotType::ardupilot, {airframe_.system, airframe_.autopilot}, airframe_.gps_id)),
+      parameters_(airframe_.parameters, {airframe_.system, airframe_.autopilot}),
+      gps_switch_(setup.switch_gps
+                      ? std::optional(GpsFusionSwitch(airframe_.parameters, {airframe_.system, airframe_.autopilot}))
+                      : std::nullopt),
       beat_(watch.watch("link", kThreadLimit_s)),
       thread_() {
   for (const StationSetup& station : setup.stations) {
@@ -133,6 +132,7 @@ void AutopilotLink::run(const std::stop_token& stop) {
     beat_();
     const double now_s = clock_.monotonic_s();
     const auto handle = [&](const ReceivedMessage& message) {
+      recognize_autopilot(now_s, message);
       request_streams(now_s, message);
       note_message(now_s, message);
       predict_motion(now_s, message);
@@ -147,6 +147,9 @@ void AutopilotLink::run(const std::stop_token& stop) {
     }
     const ServiceStatus status = this->status();
     send_fix(now_s, status);
+    if (gps_switch_ && recognized_ && backend_->type() == AutopilotType::px4) {
+      if (const auto message = gps_switch_->turn(now_s, status.gps)) link_.send(*message, us(now_s));
+    }
     if (heartbeats.due(now_s)) send_everywhere(OwnHeartbeat{system_state(status.state)}, us(now_s));
     while (const auto message = outgoing_.try_take()) send_everywhere(*message, us(now_s));
     publish();
@@ -160,7 +163,8 @@ void AutopilotLink::run(const std::stop_token& stop) {
 void AutopilotLink::send_everywhere(const OutgoingMessage& message, std::int64_t now_us) {
   link_.send(message, now_us);
   const bool for_people = std::holds_alternative<OwnHeartbeat>(message) ||
-                          std::holds_alternative<StatusText>(message) || std::holds_alternative<CommandAck>(message);
+                          std::holds_alternative<StatusText>(message) || std::holds_alternative<CommandAck>(message) ||
+                          std::holds_alternative<NamedValue>(message);
   for (Station& station : stations_) {
     if (for_people || station.setup.role == StationRole::logger) station.link.send(message, now_us);
   }
@@ -197,11 +201,17 @@ void AutopilotLink::send_fix(double now_s, const ServiceStatus& status) {
   auto due = fixes_.turn(us(now_s), clock_.unix_us(), permission);
   if (!due) return;
   if (due->jumped_m) listener_.on_jump(*due->jumped_m);
-  if (status.serves_fixes) {
-    for (Station& station : stations_) {
-      if (station.setup.role == StationRole::logger) station.link.send(due->message, us(now_s));
+  if (status.serves_fixes && backend_) {
+    for (const OutgoingMessage& request : backend_->requests(us(now_s), *due)) link_.send(request, us(now_s));
+    if (const auto messages = backend_->messages(*due)) {
+      due->inputs.sent = true;
+      for (const OutgoingMessage& message : *messages) {
+        for (Station& station : stations_) {
+          if (station.setup.role == StationRole::logger) station.link.send(message, us(now_s));
+        }
+        due->inputs.sent = link_.send(message, us(now_s)) && due->inputs.sent;
+      }
     }
-    due->inputs.sent = link_.send(due->message, us(now_s));
   }
   const bool sent = due->inputs.sent;
   const std::optional<Fix> fix = due->fix;
@@ -216,13 +226,41 @@ void AutopilotLink::send_fix(double now_s, const ServiceStatus& status) {
   last_fix_s_ = now_s;
 }
 
+// The first heartbeat of a supported autopilot decides until the service ends.
+void AutopilotLink::recognize_autopilot(double now_s, const ReceivedMessage& message) {
+  const MavlinkAddress autopilot{airframe_.system, airframe_.autopilot};
+  if (message.source != autopilot) return;
+  const auto* heartbeat = std::get_if<Heartbeat>(&message.message);
+  if (heartbeat != nullptr && heartbeat->is_autopilot && !recognized_) {
+    recognized_ = is_supported(heartbeat->autopilot);
+    if (!backend_ || backend_->type() != heartbeat->autopilot) {
+      backend_ = make_autopilot_backend(heartbeat->autopilot, autopilot, airframe_.gps_id);
+    }
+    const std::scoped_lock lock(mutex_);
+    state_.autopilot = name_of_autopilot(*heartbeat);
+    state_.supported = recognized_;
+  }
+  if (!recognized_) return;
+  backend_->on_message(us(now_s), message.message);
+  if (heartbeat != nullptr && heartbeat->is_autopilot) {
+    for (OutgoingMessage& request : parameters_.on_heartbeat(*heartbeat)) outgoing_.put(std::move(request));
+  } else if (const auto* parameter = std::get_if<ParameterValue>(&message.message)) {
+    if (gps_switch_) {
+      if (auto text = gps_switch_->on_message(*parameter)) outgoing_.put(*std::move(text));
+    }
+    const auto changed = parameters_.on_message(*parameter);
+    if (changed && listener_.on_parameter_changed) listener_.on_parameter_changed(*changed);
+  }
+}
+
 // At the first heartbeat, and again periodically: the autopilot may have rebooted.
 void AutopilotLink::request_streams(double now_s, const ReceivedMessage& message) {
   const auto* heartbeat = std::get_if<Heartbeat>(&message.message);
   if (heartbeat == nullptr || !heartbeat->is_autopilot || (requested_s_ && now_s - *requested_s_ < kRequestPeriod_s))
     return;
+  if (!backend_) return;
   requested_s_ = now_s;
-  for (const auto& [stream, rate_hz] : kRequestedStreams)
+  for (const auto& [stream, rate_hz] : backend_->streams())
     outgoing_.put(set_message_interval(message.source, stream, rate_hz));
 }
 
@@ -275,6 +313,7 @@ void AutopilotLink::publish() {
   }
   state_.open = link_.transport().is_open();
   state_.error = state_.open ? std::string() : link_.transport().last_error();
+  state_.missing = backend_ ? backend_->missing() : std::string();
   state_.counts = link_.counts();
 }
 

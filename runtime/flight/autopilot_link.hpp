@@ -4,10 +4,11 @@
 //   link            receives                                     sends
 //   autopilot       telemetry of the configured autopilot,       everything
 //                   commands that are addressed to us
-//   ground station  commands that are addressed to us            heartbeat, texts, answers to commands
+//   ground station  commands that are addressed to us            heartbeat, texts, figures, answers to commands
 //   logger          nothing                                      everything
 //
-// Fixes go to the configured autopilot and to loggers, whoever else sends on a link (mavlink/link.hpp).
+// Fixes go to the configured autopilot and to loggers, whoever else sends on a link (mavlink/link.hpp). The autopilot's
+// first HEARTBEAT says in which messages (fixes/autopilot_backend.hpp); one that is not supported gets none.
 #pragma once
 
 #include <poll.h>
@@ -28,7 +29,10 @@
 #include <vector>
 
 #include "base/error.hpp"
+#include "fixes/autopilot_backend.hpp"
 #include "fixes/fix_stream.hpp"
+#include "flight/gps_fusion_switch.hpp"
+#include "flight/parameter_watch.hpp"
 #include "mavlink/link.hpp"
 #include "service/clock.hpp"
 #include "service/mailbox.hpp"
@@ -116,6 +120,7 @@ struct AutopilotLinkSetup {
   // peers ("signing-streams", "signing-streams-1", …).
   std::optional<std::filesystem::path> state{};
   std::vector<StationSetup> stations{};
+  bool switch_gps = false;  // PX4: GPS leaves its filter while it is not to be trusted (gps_fusion_switch.hpp)
 };
 
 class AutopilotLink {
@@ -128,8 +133,10 @@ class AutopilotLink {
     std::function<void()> on_unauthenticated_peer;
     // Somebody at another address claims to be the autopilot; at most once in ten seconds.
     std::function<void(std::uint64_t frames)> on_rival{};
-    // A fix was due: inputs.sent says whether GPS_INPUT went out, with a position or as "no fix".
+    // A fix was due: inputs.sent says whether it went out, with a position or as "no fix", which PX4 is told by silence.
     std::function<void(DueFix due)> on_fix{};
+    // Before take-off: a parameter is not what the airframe file says, or is again.
+    std::function<void(const ParameterChanged&)> on_parameter_changed{};
   };
 
   AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock, ThreadWatch& watch, Listener listener);
@@ -144,7 +151,7 @@ class AutopilotLink {
   // fixes.
   void on_estimate(const FixInputRecord::ArrivedEstimate& which, const VisionEstimate& estimate,
                    std::optional<double> arrived_s);
-  void on_status(const ServiceStatus& status);  // whether fixes may be sent, and their accuracy
+  void on_status(const ServiceStatus& status);  // whether fixes may be sent, and their accuracy; GPS
   void send_text(TextSeverity severity, std::string text);
   void send(OutgoingMessage message);
   // In flight once a second, from a thread that may wait for disks; at a clean end after stop().
@@ -155,9 +162,12 @@ class AutopilotLink {
   struct State {
     bool open = false;
     std::string error;  // why it is closed
+    std::string autopilot;    // "PX4", by its heartbeat; empty before
+    bool supported = true;    // false: it gets no fixes
+    std::string missing;      // why it gets no fixes yet
     LinkCounts counts;
     std::uint64_t fixes_sent = 0;
-    double longest_gap_s = 0;                  // between two GPS_INPUT
+    double longest_gap_s = 0;                  // between two fixes
     std::optional<Fix> last_fix;               // in the last of them; nullopt: "no fix"
     std::optional<double> last_message_s;      // when the autopilot's last message arrived
     std::optional<AircraftAttitude> attitude;  // its last one
@@ -178,6 +188,7 @@ class AutopilotLink {
   void run(const std::stop_token& stop);
   ServiceStatus status() const;
   void send_fix(double now_s, const ServiceStatus& status);
+  void recognize_autopilot(double now_s, const ReceivedMessage& message);
   void request_streams(double now_s, const ReceivedMessage& message);
   void note_message(double now_s, const ReceivedMessage& received);
   void predict_motion(double now_s, const ReceivedMessage& received);
@@ -203,6 +214,10 @@ class AutopilotLink {
   };
   std::vector<Station> stations_;
   FixStream fixes_;
+  std::unique_ptr<AutopilotBackend> backend_;
+  bool recognized_ = false;  // by a heartbeat
+  ParameterWatch parameters_;
+  std::optional<GpsFusionSwitch> gps_switch_;
 
   struct ArrivedEstimate {
     FixInputRecord::ArrivedEstimate which;

@@ -99,6 +99,17 @@ void FlightJournal::on(double time_s, const LinkRivalSeen& rival) {
            rival.frames));
 }
 
+void FlightJournal::on(double time_s, const ParameterChanged& changed) {
+  if (changed.restored()) {
+    note(time_s, EventSeverity::info, "autopilot",
+         fmt::format("{} is {} again, as it was provisioned", changed.name, changed.expected));
+    return;
+  }
+  note(time_s, EventSeverity::critical, "autopilot",
+       fmt::format("{} is {}; it was provisioned as {}: provision again, or set it back", changed.name, changed.found,
+                   changed.expected));
+}
+
 void OperatorTexts::add(TextSeverity severity, std::string text) {
   if (text.empty()) return;
   texts_.push_back({severity, std::move(text)});

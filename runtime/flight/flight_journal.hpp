@@ -41,6 +41,7 @@ class FlightJournal {
   void on(double time_s, const FixJumped& jumped);
   void on(double time_s, const PositionHinted& hint);
   void on(double time_s, const LinkRivalSeen& rival);
+  void on(double time_s, const ParameterChanged& changed);
 
   void add(double time_s, EventSeverity severity, const std::string& kind, const std::string& text);
 

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "base/error.hpp"
@@ -14,7 +15,7 @@
 namespace nadir {
 namespace {
 
-constexpr double kTurn_s = 0.05, kViewPeriod_s = 0.2;
+constexpr double kTurn_s = 0.05, kViewPeriod_s = 0.2, kFiguresPeriod_s = 1;
 
 // The autopilot navigates by our fix: its attitude depends on our fix, and our fix on its attitude. The uncertainty in
 // the airframe file was measured with GPS; with fixes of a localizer that trusted it, ArduPlane's attitude drifted by
@@ -180,13 +181,15 @@ void FlightService::start_link() {
                            .transport = make_transport(parse_endpoint(options_.autopilot)),
                            .key = std::nullopt,
                            .state = options_.state,
-                           .stations = options_.stations};
+                           .stations = options_.stations,
+                           .switch_gps = options_.switch_gps};
   if (options_.link_key) setup.key = SigningKey::read(*options_.link_key);
   AutopilotLink::Listener listener;
   listener.on_message = [this](double now_s, const ReceivedMessage& message) { on_message(now_s, message); };
   listener.on_jump = [this](double distance_m) { publish(FixJumped{distance_m}); };
   listener.on_unauthenticated_peer = [this] { publish(AutopilotHeartbeat{LinkAuthentication::missing, false}); };
   listener.on_fix = [this](DueFix due) { record_fix(std::move(due)); };
+  listener.on_parameter_changed = [this](const ParameterChanged& changed) { publish(changed); };
   listener.on_rival = [this](std::uint64_t frames) { publish(LinkRivalSeen{frames}); };
   link_ = std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_, std::move(listener));
 }
@@ -234,7 +237,8 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
     if (ours && localization_) localization_->on_message(now_s, message);
   };
   if (const auto* heartbeat = std::get_if<Heartbeat>(&received.message)) {
-    if (ours && heartbeat->is_autopilot) {
+    if (ours && is_supported(heartbeat->autopilot)) {
+      autopilot_ = heartbeat->autopilot;
       publish(AutopilotHeartbeat{received.is_signed ? LinkAuthentication::signature : LinkAuthentication::not_required,
                                  heartbeat->armed});
     }
@@ -249,8 +253,7 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
   } else if (const auto* imu = std::get_if<ImuSample>(&received.message)) {
     telemetry(*imu);
   } else if (const auto* gps = std::get_if<GpsRaw>(&received.message)) {
-    // Our own GPS_INPUT comes back as the receiver of that number.
-    if (ours && gps->receiver != airframe_.gps_id + 1) {
+    if (ours && is_real_receiver(autopilot_, *gps, airframe_.gps_id)) {
       telemetry(*gps);
       receiver_ = TimedReceiver{now_s, *gps};
       publish(
@@ -258,6 +261,8 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
     }
   } else if (const auto* ekf = std::get_if<EkfStatus>(&received.message)) {
     if (ours) publish(EkfReport{now_s, ekf->horizontal_position_absolute, ekf->gps_glitching});
+  } else if (const auto* estimator = std::get_if<EstimatorStatus>(&received.message)) {
+    if (ours) publish(EkfReport{now_s, estimator->horizontal_position_absolute, estimator->gps_glitching});
   } else if (const auto* command = std::get_if<CommandInt>(&received.message)) {
     on_command(received, *command);
   }
@@ -301,7 +306,8 @@ FlightEnd FlightService::run() {
   }
   manager_.ready(map_ ? "flying" : "map package rejected: " + package_.rejection);
   Watchdog watchdog(watch_, manager_, read_service_environment().watchdog_interval_s, clock_.monotonic_s());
-  Cadence views(kViewPeriod_s, clock_.monotonic_s()), saves(kSavePeriod_s, clock_.monotonic_s());
+  Cadence views(kViewPeriod_s, clock_.monotonic_s()), saves(kSavePeriod_s, clock_.monotonic_s()),
+      figures(kFiguresPeriod_s, clock_.monotonic_s());
   AwaitedParts awaited = awaited_parts();
   double next_s = clock_.monotonic_s();
   while (!acceptance_.reselect_package && clock_.wait_until(next_s, stop_.token())) {
@@ -312,6 +318,7 @@ FlightEnd FlightService::run() {
     assess_gps(now_s);
     on_transitions(machine_.update(now_s));
     if (views.due(now_s)) update_view(now_s);
+    if (figures.due(now_s)) send_figures(now_s);
     if (saves.due(now_s)) {
       save(now_s);
       report_corrupt_tiles();
@@ -385,6 +392,11 @@ void FlightService::react(double, const LinkRivalSeen&) {
   link_->send_text(TextSeverity::critical, "Nadir: another sender claims to be autopilot");
 }
 
+void FlightService::react(double, const ParameterChanged& changed) {
+  if (changed.restored()) return;
+  operator_texts_.add(TextSeverity::critical, fmt::format("Nadir: {} was changed, is {:g}", changed.name, changed.found));
+}
+
 void FlightService::react(double, const PositionHinted& hint) {
   if (localization_) localization_->hint(hint.place, hint.radius_m, hint.source);
 }
@@ -443,6 +455,22 @@ void FlightService::update_view(double now_s) {
   parts_->show(views_.view(now_s, clock_.unix_us(), journal_.events(), journal_.alarms()));
 }
 
+// For ground stations, once a second: what a figure cannot say is NaN.
+void FlightService::send_figures(double now_s) {
+  const ServiceStatus status = machine_.status();
+  if (!status.link_up) return;
+  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  const std::optional<double> anchor_age_s = views_.anchor_age_s(now_s);
+  const std::pair<std::string_view, double> figures[] = {{"NDR_STATE", static_cast<double>(status.state)},
+                                                         {"NDR_SIGMA", status.fix ? status.sigma_m : kNone},
+                                                         {"NDR_HPL", status.hpl_m.value_or(kNone)},
+                                                         {"NDR_ANCHOR", anchor_age_s.value_or(kNone)}};
+  const auto boot_ms = static_cast<std::uint32_t>(std::llround(now_s * 1000));
+  for (const auto& [name, value] : figures) {
+    link_->send(NamedValue{boot_ms, std::string(name), static_cast<float>(value)});
+  }
+}
+
 void FlightService::save(double now_s) {
   SavedFlight flight;
   flight.boot_id = clock_.boot_id();
@@ -485,9 +513,12 @@ AwaitedParts FlightService::awaited_parts() const {
                        last_.camera_failure.empty() ? "no frame" : last_.camera_failure);
   };
   const auto autopilot = [this] {
-    const std::string error = link_->state().error;
+    const AutopilotLink::State link = link_->state();
+    const std::string& error = link.error;
     return fmt::format("the autopilot {}/{} at {}: {}", airframe_.system, airframe_.autopilot, options_.autopilot,
                        !error.empty()      ? error
+                       : !link.supported   ? fmt::format("it is {}, Nadir flies with {}", link.autopilot,
+                                                         supported_autopilots())
                        : options_.link_key ? "no heartbeat with a valid signature"
                                            : "no heartbeat");
   };

@@ -63,6 +63,7 @@ struct FlightOptions {
   ApiEndpoint api;
   std::optional<LonLat> start;
   double anchor_every_m = 0;
+  bool switch_gps = false;              // PX4: GPS leaves its filter while it is denied or spoofed
   bool send_external_position = false;  // MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor, besides GPS_INPUT
 };
 
@@ -151,6 +152,7 @@ class FlightService {
   void on_event(double time_s, const OnboardEvent& event);
   void react(double time_s, const FixJumped& jumped);
   void react(double time_s, const LinkRivalSeen& rival);
+  void react(double time_s, const ParameterChanged& changed);
   void react(double time_s, const PositionHinted& hint);
   void react(double time_s, const GpsFix3d& fix);
   void react(double time_s, const LocalizedFrame& frame);
@@ -162,6 +164,7 @@ class FlightService {
   void on_transitions(std::span<const StateTransition> transitions);
   void assess_gps(double now_s);
   void update_view(double now_s);
+  void send_figures(double now_s);
   void save(double now_s);
   void report_corrupt_tiles();
   AwaitedParts awaited_parts() const;
@@ -189,6 +192,7 @@ class FlightService {
 
   LatestMailbox<TimedEvent> events_{512};  // from all threads
   std::optional<TimedReceiver> receiver_;  // of the link's thread
+  AutopilotType autopilot_ = AutopilotType::ardupilot;  // of the link's thread: by the last heartbeat
   ThreadWatch watch_;
   LatestMailbox<CapturedFrame> frames_;
 

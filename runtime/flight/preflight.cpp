@@ -9,6 +9,7 @@
 
 #include "cli/terminal.hpp"
 #include "imagery/frame_image.hpp"
+#include "fixes/autopilot_backend.hpp"
 #include "mavlink/link.hpp"
 
 namespace nadir {
@@ -89,22 +90,31 @@ PartCheck check_autopilot(std::unique_ptr<Transport> transport, const Airframe& 
   const auto us = [](double seconds) { return std::llround(seconds * 1e6); };
   Cadence hello(kHelloPeriod_s, start_s);
   std::set<MavlinkAddress> others;
-  bool found = false;
+  std::optional<Heartbeat> found;
   for (double now_s = start_s; now_s - start_s < limit_s && !found && !interrupt_requested();
        now_s = clock.monotonic_s()) {
     link.advance(us(now_s), [&](const ReceivedMessage& received) {
       if (received.source != autopilot) others.insert(received.source);
       const auto* heartbeat = std::get_if<Heartbeat>(&received.message);
-      found = found || (received.source == autopilot && heartbeat != nullptr && heartbeat->is_autopilot);
+      if (received.source == autopilot && heartbeat != nullptr && heartbeat->is_autopilot) found = *heartbeat;
     });
     if (hello.due(now_s)) link.send(OwnHeartbeat{SystemState::standby}, us(now_s));
     pollfd waited{link.transport().descriptor(), link.transport().events(), 0};
     ::poll(&waited, 1, static_cast<int>(kLook.count()));
   }
   if (found) {
-    return {fmt::format("{}/{}, {}, after {:.1f} s", autopilot.system, autopilot.component,
-                        is_signed ? "signed" : "NOT SIGNED", clock.monotonic_s() - start_s),
-            {}};
+    const std::string name = name_of_autopilot(*found);
+    PartCheck check{fmt::format("{}/{}, {}, {}, after {:.1f} s", autopilot.system, autopilot.component, name,
+                                is_signed ? "signed" : "NOT SIGNED", clock.monotonic_s() - start_s),
+                    {}};
+    if (!is_supported(found->autopilot)) {
+      check.findings.add({.code = "autopilot.unsupported",
+                          .where = "--autopilot",
+                          .expected = fmt::format("{} by its heartbeat", supported_autopilots()),
+                          .found = name,
+                          .fix = "other autopilots take no position from Nadir"});
+    }
+    return check;
   }
   PartCheck check{silence(link.counts(), others, link.transport(), is_signed), {}};
   check.findings.add({.code = "autopilot.silent",

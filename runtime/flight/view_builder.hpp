@@ -21,6 +21,9 @@ class ViewBuilder {
   void on_event(const TileCorrupt&) { ++view_.package.corrupt_tiles; }
   void set_status(const ServiceStatus& status, const std::string& reason);
   void set_frames(const MailboxCounts& counts, double now_s);
+  std::optional<double> anchor_age_s(double now_s) const {
+    return view_.anchored_s ? std::optional(now_s - *view_.anchored_s) : std::nullopt;
+  }
   void set_link(const AutopilotLink::State& state, bool connected, bool is_signed);
   void set_recorder(const Recorder* recorder, const std::string& error);
   // Shows what the autopilot gets: while blind the last fix, and nothing without one; the attitude is the autopilot's

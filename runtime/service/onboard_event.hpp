@@ -60,6 +60,15 @@ struct LinkRivalSeen {
   std::uint64_t frames = 0;  // of rivals since the start
 };
 
+// A parameter of the autopilot is not, or again, what the airframe file says.
+struct ParameterChanged {
+  std::string name;
+  double expected = 0;
+  double found = 0;  // equal: it is again
+
+  bool restored() const { return found == expected; }
+};
+
 // GPS_RAW_INT of a real receiver, never of the fixes that we send.
 struct GpsFix3d {
   double time_s = 0;
@@ -69,7 +78,7 @@ struct GpsFix3d {
   std::optional<double> accuracy_m;  // horizontal, one sigma
 };
 
-// EKF_STATUS_REPORT.
+// EKF_STATUS_REPORT of ArduPilot, ESTIMATOR_STATUS of PX4.
 struct EkfReport {
   double time_s = 0;
   bool has_position = false;  // absolute, horizontal
@@ -144,7 +153,7 @@ struct StateTransition {
 
 using OnboardEvent =
     std::variant<PackageVerified, PackageRestored, EstimateRestored, PartReported, AutopilotHeartbeat, LinkRivalSeen,
-                 GpsFix3d, EkfReport, PositionHinted, FixJumped, FrameReceived, CameraFailed, LocalizedFrame,
+                 ParameterChanged, GpsFix3d, EkfReport, PositionHinted, FixJumped, FrameReceived, CameraFailed, LocalizedFrame,
                  MatchFailed, TileCorrupt, GpsAssessment, StateTransition>;
 
 struct TimedEvent {

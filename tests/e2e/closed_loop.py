@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The closed loop: autopilot -> frame -> nadird -> GPS_INPUT -> autopilot.
+"""The closed loop: autopilot -> frame -> nadird -> position -> autopilot.
 
 The simulated autopilot flies a circuit over a simulated world by the position that it receives; `nadir simulate camera`
 renders what its camera sees; `nadird` localizes the frames. Prints how far the true track was from the plan,
@@ -15,7 +15,7 @@ import sys
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from loop import harness
 from loop.bad_readers import BadReaders
-from loop.flight import Flight, Setup
+from loop.flight import AUTOPILOTS, Flight, Setup
 from loop.inputs import Inputs
 from loop.page import write_page
 from loop.rules import judge, lines_of
@@ -37,6 +37,8 @@ SCENARIOS = {
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenario", choices=SCENARIOS, default="denied")
+    parser.add_argument("--autopilot", choices=AUTOPILOTS, default="ardupilot",
+                        help="px4: with GLOBAL_POSITION_SENSOR; px4-1.17: with ODOMETRY")
     parser.add_argument("--event", action="append", metavar="S:ACTION[=VALUE]", help="instead of a scenario's")
     parser.add_argument("--minutes", type=float, default=11)
     parser.add_argument("--fps", type=float, default=3)
@@ -59,7 +61,12 @@ def arguments():
     parser.add_argument("--nadird-option", action="append", default=[], metavar="WORD", help="one more word for nadird")
     parser.add_argument("--stand-in", metavar="OFFSET_M", type=float, help="no nadird: the truth with this offset as fixes")
     harness.add_words(parser, width=1920)
-    return parser.parse_args()
+    args = parser.parse_args()
+    if args.autopilot != "ardupilot" and (args.stand_in is not None or args.own_receiver != "second"):
+        parser.error("--stand-in and --own-receiver are ArduPilot's")
+    if args.autopilot == "px4-1.17" and args.signed:
+        parser.error("PX4 signs its link from 1.18 on")
+    return args
 
 
 def report(args, flight, verdict, rules, readers, camera):
@@ -96,7 +103,8 @@ def main():
                         with_package=args.stand_in is None, airframe=args.airframe)
         events = args.event if args.event is not None else SCENARIOS[args.scenario]
         setup = Setup(inputs, run, args.nadir, args.nadird, events, args.minutes, args.fps, args.delay_s, args.seed,
-                      args.own_receiver, args.signed, args.stand_in, not args.unfavoured, args.nadird_option)
+                      args.own_receiver, args.signed, args.stand_in, not args.unfavoured, args.nadird_option,
+                      autopilot=args.autopilot)
         with Flight(setup) as flight, BadReaders(args.readers) as readers:
             flight.start()
             readers.begin(flight.api_port)

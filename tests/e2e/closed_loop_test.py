@@ -58,6 +58,26 @@ class Flight(support.EndToEnd):
                                   text=True, timeout=60, check=False)
         self.assertEqual(0, recorded.returncode, recorded.stdout + recorded.stderr)
         self.flies_again(out)
+        self.flies_with_px4(out)
+
+    def flies_with_px4(self, out):
+        """The same world, PX4's messages and rules."""
+        result = subprocess.run(
+            [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--nadird", support.NADIRD, "--minutes", "0.7",
+             "--event", "20:gps-denied", "--fps", "2", "--width", "640", "--signed", "--json", "--autopilot", "px4",
+             "--inputs", out / "inputs", "--out", out / "px4"],
+            stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=300, check=False)
+        self.assertEqual(0, result.returncode, result.stderr)
+        summary = json.loads(result.stdout)["summary"]
+        self.assertGreater(summary["gps_input"].get("accepted", 0), 100, summary["gps_input"])
+        self.assertLess(summary["fix_error_m"]["max"], 50)
+        self.assertLess(summary["deviation_m"]["max"], 60)
+        self.assertEqual(0, summary["resets_by_gps_input"], summary["resets"])
+        received = summary["received"]
+        self.assertGreater(received.get("GLOBAL_POSITION_SENSOR", 0), 100, received)
+        self.assertGreater(received.get("NAMED_VALUE_FLOAT", 0), 60, received)
+        self.assertNotIn("GPS_INPUT", received)
+        self.assertIn("Nadir: autopilot now navigating by Nadir", [event.get("text") for event in summary["events"]])
 
     def replay(self, out, recording, name):
         created = Inputs(out / "inputs", support.NADIR, width=640).created

@@ -24,7 +24,9 @@ def free_port():
         return end.getsockname()[1]
 
 
-class Provision(support.EndToEnd):
+class Provisioning(support.EndToEnd):
+    """What the tests share: an autopilot, and the command."""
+
     def setUp(self):
         super().setUp()
         self.port = free_port()
@@ -81,6 +83,8 @@ class Provision(support.EndToEnd):
         self.assertIn(keys[-1:], ([], ["text=" + key]))
         self.assertEqual([], [name for name in os.listdir(self.folder) if "falcon-7" in name])
 
+
+class Provision(Provisioning):
     def test_shows_and_changes_nothing_without_apply(self):
         self.start()
         report = json.loads(self.good(*self.args("--signing-key", self.key, "--json")).stdout)
@@ -208,6 +212,72 @@ class Provision(support.EndToEnd):
         self.fails(2, *self.args(*apply), mentions=("link.key",), leaves_nothing=self.out)
         (self.folder / "camera.yaml").write_text("model: fisheye\n")
         self.fails(2, *self.args(*apply), mentions=("camera.yaml",), leaves_nothing=self.out)
+
+
+class Px4(Provisioning):
+    """What differs with PX4."""
+    WRONG = {"EKF2_AGP0_CTRL": 0, "EKF2_AGP0_GATE": 3.0, "EKF2_GPS_CTRL": 5}
+    WANTED = {"EKF2_AGP0_ID": 1, "EKF2_AGP0_CTRL": 1, "EKF2_AGP0_MODE": 0, "EKF2_AGP0_DELAY": 0, "EKF2_AGP0_GATE": 5,
+              "EKF2_HGT_REF": 0, "EKF2_GPS_CTRL": 5}
+
+    def start_px4(self, *more, version="1.18", parameters=None, disarmed=True):
+        self.start("--px4", version, *more, parameters=self.WRONG if parameters is None else parameters, disarmed=disarmed)
+
+    def now(self, events):
+        return {words[0].removeprefix("name="): float(words[1].removeprefix("value="))
+                for kind, *words in events if kind == "parameter"}
+
+    def test_shows_and_changes_nothing_without_apply(self):
+        self.start_px4()
+        report = json.loads(self.good(*self.args("--json")).stdout)
+        self.assertEqual(("PX4", "1.18.0", False), (report["autopilot"], report["version"], report["applied"]))
+        self.assertEqual(self.WANTED, {one["name"]: one["wanted"] for one in report["parameters"]})
+        found = {one["name"]: one["found"] for one in report["parameters"]}
+        self.assertEqual((0, 3, 5, 1), tuple(found[name] for name in ("EKF2_AGP0_ID", "EKF2_AGP0_GATE", "EKF2_GPS_CTRL",
+                                                                     "EKF2_HGT_REF")))
+        self.assertEqual([], self.events())
+
+    def test_provisions_and_then_again_over_the_signed_link(self):
+        self.start_px4()
+        self.good(*self.args(*self.all_of_it()))
+        airframe = json.loads((self.out / "airframe.json").read_bytes())
+        self.assertEqual(self.WANTED, {one["name"]: one["value"] for one in airframe["mavlink"]["parameters"]})
+        report = json.loads(self.good(*self.args("--apply", "--signing-key", self.key, "--json")).stdout)
+        self.assertFalse(report["key_installed"] or report["restarted"], "all is as it should be")
+        self.assertGreaterEqual(report["imu_rate_hz"], 30)
+        events = self.events()
+        self.assertEqual({"EKF2_AGP0_ID": 1, "EKF2_AGP0_CTRL": 1, "EKF2_AGP0_GATE": 5, "EKF2_HGT_REF": 0}, self.now(events))
+        self.assertEqual(["restart", "signing"], [line[0] for line in events if line[0] != "parameter"])
+
+    def test_before_1_18_external_vision_is_set_and_no_key(self):
+        self.start_px4(version="1.17", parameters={"EKF2_EV_CTRL": 15})
+        self.fails(2, *self.args("--apply", "--signing-key", self.key), mentions=("cannot sign", "PX4 1.17.0"))
+        report = json.loads(self.good(*self.args("--apply", "--json")).stdout)
+        self.assertTrue(report["restarted"])
+        self.assertEqual({"EKF2_EV_CTRL": 1, "EKF2_HGT_REF": 0}, self.now(self.events()))
+
+    def test_a_failed_step_is_explained_and_reverted(self):
+        faults = {"param-refuses=EKF2_AGP0_GATE": "EKF2_AGP0_GATE", "imu-slow": "HIGHRES_IMU",
+                  "estimator-silent": "ESTIMATOR_STATUS", "signing-deaf": "does not sign"}
+
+        def one(fault):
+            case = Px4(self._testMethodName)
+            self.addCleanup(case.doCleanups)
+            case.setUp()
+            case.start_px4("--fault", fault)
+            result = case.fails(2, *case.args(*case.all_of_it(), patience=8), mentions=(faults[fault], "expected", "found"))
+            self.assertNotIn("not reverted", result.stderr)
+            before = {"EKF2_AGP0_ID": 0, "EKF2_AGP0_CTRL": 0, "EKF2_AGP0_GATE": 3, "EKF2_HGT_REF": 1}
+            after = case.now(case.events())
+            self.assertEqual({name: before[name] for name in after}, after)
+
+        with concurrent.futures.ThreadPoolExecutor(len(faults)) as pool:
+            list(pool.map(one, faults))
+
+    def test_an_armed_aircraft_is_left_alone(self):
+        self.start_px4(disarmed=False)
+        self.fails(2, *self.args(*self.all_of_it()), mentions=("armed",))
+        self.assertEqual([], self.events())
 
 
 # Between two terminals, as a cable.

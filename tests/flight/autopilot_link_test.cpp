@@ -142,6 +142,46 @@ TEST_F(AutopilotLinkTest, RequestsStreamsAtTheFirstHeartbeatAndAgainLater) {
   EXPECT_EQ(asked().size(), 18U) << "it may have been started anew";
 }
 
+TEST_F(AutopilotLinkTest, Px4IsRecognizedAndGetsItsOwnMessages) {
+  autopilot_beats(MAV_AUTOPILOT_PX4);
+  permit(true, true, 3);
+  see(kPlace, 3);
+  second();
+  second();
+  EXPECT_EQ(link_->state().autopilot, "PX4");
+  EXPECT_NE(link_->state().missing, "") << "its version is not known";
+  EXPECT_EQ(peer_.received(MAVLINK_MSG_ID_GLOBAL_POSITION_SENSOR).size(), 0U);
+  mavlink_message_t message;
+  mavlink_autopilot_version_t version{};
+  version.flight_sw_version = 0x011200FF;
+  mavlink_msg_autopilot_version_encode(7, 1, &message, &version);
+  peer_.send(message);
+  second();
+  see(kPlace, 3);
+  second();
+  second();
+  const auto sent = peer_.received(MAVLINK_MSG_ID_GLOBAL_POSITION_SENSOR);
+  ASSERT_FALSE(sent.empty());
+  mavlink_global_position_sensor_t position;
+  mavlink_msg_global_position_sensor_decode(&sent.front(), &position);
+  EXPECT_EQ(position.id, 2);  // gps_id 1
+  EXPECT_NEAR(position.lat * 1e-7, kPlace.lat_deg, 1e-6);
+  EXPECT_TRUE(peer_.fixes().empty()) << "GPS_INPUT is ArduPilot's";
+  EXPECT_EQ(link_->state().missing, "");
+}
+
+TEST_F(AutopilotLinkTest, AnotherAutopilotGetsNothing) {
+  autopilot_beats(MAV_AUTOPILOT_PPZ);
+  permit(true, true, 3);
+  see(kPlace, 3);
+  second();
+  second();
+  EXPECT_FALSE(link_->state().supported);
+  EXPECT_EQ(link_->state().autopilot, "MAV_AUTOPILOT 9");
+  EXPECT_TRUE(peer_.fixes().empty());
+  EXPECT_TRUE(peer_.received(MAVLINK_MSG_ID_COMMAND_LONG).empty());
+}
+
 TEST_F(AutopilotLinkTest, PassesMessagesOn) {
   mavlink_message_t message;
   mavlink_msg_attitude_pack(7, 1, &message, 5, 0.1F, 0.2F, 0.3F, 0, 0, 0);

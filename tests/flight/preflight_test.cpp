@@ -55,7 +55,7 @@ class Preflight : public ::testing::Test {
   }
 
   // An autopilot of this system, once it has heard the other end.
-  PartCheck check_link(std::uint8_t system) {
+  PartCheck check_link(std::uint8_t system, std::uint8_t type = MAV_AUTOPILOT_ARDUPILOTMEGA) {
     PatientClock clock;
     test::LinkPeer peer;
     Airframe airframe;
@@ -67,7 +67,7 @@ class Preflight : public ::testing::Test {
         peer.listen();
         if (peer.received(MAVLINK_MSG_ID_HEARTBEAT).empty()) continue;
         mavlink_message_t message;
-        mavlink_msg_heartbeat_pack(system, 1, &message, MAV_TYPE_FIXED_WING, MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 0);
+        mavlink_msg_heartbeat_pack(system, 1, &message, MAV_TYPE_FIXED_WING, type, 0, 0, 0);
         peer.send(message);
         clock.spoken = true;
       }
@@ -107,7 +107,14 @@ TEST_F(Preflight, AnEmptyFolderAndAMissingOneAreNoCamera) {
 TEST_F(Preflight, TheConfiguredAutopilotIsReady) {
   const PartCheck check = check_link(7);
   EXPECT_TRUE(check.findings.empty());
-  EXPECT_THAT(check.found, HasSubstr("7/1, NOT SIGNED"));
+  EXPECT_THAT(check.found, HasSubstr("7/1, ArduPilot, NOT SIGNED"));
+  EXPECT_THAT(check_link(7, MAV_AUTOPILOT_PX4).found, HasSubstr("7/1, PX4, NOT SIGNED"));
+}
+
+TEST_F(Preflight, AnAutopilotOfAnotherKindIsNotSupported) {
+  const PartCheck check = check_link(7, MAV_AUTOPILOT_PPZ);
+  EXPECT_EQ(only_code(check), "autopilot.unsupported");
+  EXPECT_EQ(check.findings.items().front().found, "MAV_AUTOPILOT 9");
 }
 
 TEST_F(Preflight, AnotherAutopilotIsNotOurs) {

@@ -34,12 +34,18 @@ TEST(Decode, Heartbeat) {
   const auto m = as<Heartbeat>(
       R"({"message":"HEARTBEAT","type":1,"autopilot":3,"base_mode":217,"custom_mode":10,"system_status":4})");
   EXPECT_TRUE(m.is_autopilot);
-  EXPECT_TRUE(m.is_ardupilot);
+  EXPECT_EQ(m.autopilot, AutopilotType::ardupilot);
   EXPECT_TRUE(m.armed);
   EXPECT_EQ(m.vehicle_type, 1);
   EXPECT_EQ(m.custom_mode, 10U);
   EXPECT_EQ(m.state, SystemState::active);
-  EXPECT_FALSE(as<Heartbeat>(R"({"message":"HEARTBEAT","type":6,"autopilot":8})").is_autopilot);
+  const auto station = as<Heartbeat>(R"({"message":"HEARTBEAT","type":6,"autopilot":8})");
+  EXPECT_FALSE(station.is_autopilot);
+  EXPECT_EQ(station.autopilot, AutopilotType::none);
+  EXPECT_EQ(as<Heartbeat>(R"({"message":"HEARTBEAT","autopilot":12})").autopilot, AutopilotType::px4);
+  const auto other = as<Heartbeat>(R"({"message":"HEARTBEAT","autopilot":18})");
+  EXPECT_EQ(other.autopilot, AutopilotType::other);
+  EXPECT_EQ(other.autopilot_number, 18);
   EXPECT_EQ(as<Heartbeat>(R"({"message":"HEARTBEAT","system_status":200})").state, SystemState::emergency);
 }
 
@@ -108,6 +114,25 @@ TEST(Decode, FilterStatus) {
   EXPECT_DOUBLE_EQ(m.horizontal_position_variance, 1.5);
 }
 
+TEST(Decode, TelemetryOfPx4) {
+  const auto imu = as<ImuSample>(
+      R"({"message":"HIGHRES_IMU","time_usec":7000,"xacc":0.5,"yacc":-0.25,"zacc":-9.75,"xgyro":0.125,"id":1})");
+  EXPECT_EQ(imu.instance, 2);
+  EXPECT_EQ(imu.time_us, 7000U);
+  EXPECT_EQ(imu.acceleration_mps2, (Vector3{0.5, -0.25, -9.75}));
+  EXPECT_EQ(imu.rate_rad_s.x, 0.125);
+  EXPECT_FALSE(decoded(R"({"message":"HIGHRES_IMU","xacc":null})"));
+  const auto filter = as<EstimatorStatus>(
+      R"({"message":"ESTIMATOR_STATUS","flags":1041,"pos_horiz_ratio":0.25,"pos_horiz_accuracy":null})");
+  EXPECT_TRUE(filter.horizontal_position_absolute && filter.gps_glitching);
+  EXPECT_EQ(filter.horizontal_position_ratio, 0.25);
+  EXPECT_TRUE(std::isnan(filter.horizontal_accuracy_m)) << "not an error: PX4 may not know it";
+  const auto origin =
+      as<LocalOrigin>(R"({"message":"GPS_GLOBAL_ORIGIN","latitude":472500000,"longitude":-85000000,"altitude":512300})");
+  EXPECT_EQ(origin.place, (LonLat{-8.5, 47.25}));
+  EXPECT_DOUBLE_EQ(origin.msl_m, 512.3);
+}
+
 TEST(Decode, TextsEndAtNulOrAtTheEndOfTheField) {
   const auto m = as<ParameterValue>(
       R"({"message":"PARAM_VALUE","param_id":"EK3_SRC1_POSXY_X","param_value":3,"param_index":65535})");
@@ -167,6 +192,10 @@ TEST(Encode, PymavlinkAcceptsEveryMessage) {
   const std::vector<OutgoingMessage> messages{
       OwnHeartbeat{SystemState::active},
       GpsInput{.fix = GpsFix::three_d},
+      GlobalPositionSensor{},
+      LocalPosition{},
+      SetLocalOrigin{},
+      NamedValue{5, "NDR_SIGMA", 2.5F},
       StatusText{TextSeverity::warning, "Nadir: vision position in use", 0, 0},
       request_message(kAutopilot, StreamedMessage::autopilot_version),
       external_position_estimate(kAutopilot, {.place = {8.5, 47.25}, .sigma_m = 6, .sent_s = 1001}),
@@ -175,8 +204,10 @@ TEST(Encode, PymavlinkAcceptsEveryMessage) {
       ParameterSet{kAutopilot, "EK3_SRC1_POSXY", 3, 2},
       SigningSetup{kAutopilot, {1, 2, 3}, 77}};
   const auto got = read(messages);
-  const std::vector<std::string> names{"HEARTBEAT",   "GPS_INPUT",          "STATUSTEXT", "COMMAND_LONG", "COMMAND_INT",
-                                       "COMMAND_ACK", "PARAM_REQUEST_READ", "PARAM_SET",  "SETUP_SIGNING"};
+  const std::vector<std::string> names{
+      "HEARTBEAT",         "GPS_INPUT",  "GLOBAL_POSITION_SENSOR", "ODOMETRY",    "SET_GPS_GLOBAL_ORIGIN",
+      "NAMED_VALUE_FLOAT", "STATUSTEXT", "COMMAND_LONG",           "COMMAND_INT", "COMMAND_ACK",
+      "PARAM_REQUEST_READ", "PARAM_SET", "SETUP_SIGNING"};
   ASSERT_EQ(got.size(), std::variant_size_v<OutgoingMessage>);  // a new kind needs a line here
   for (std::size_t i = 0; i < got.size(); ++i) {
     EXPECT_EQ(got[i].value("mavpackettype", "refused"), names[i]) << got[i];
@@ -186,19 +217,81 @@ TEST(Encode, PymavlinkAcceptsEveryMessage) {
   }
   EXPECT_EQ(got[0]["type"], 18);  // an onboard controller
   EXPECT_EQ(got[0]["autopilot"], 8);
-  EXPECT_EQ(got[2]["text"], "Nadir: vision position in use");
-  EXPECT_EQ(got[3]["command"], 512);
-  EXPECT_EQ(got[3]["param1"], 148);
-  EXPECT_EQ(got[4]["command"], 43003);
-  EXPECT_EQ(got[4]["x"], 472500000);
-  EXPECT_EQ(got[4]["y"], 85000000);
-  EXPECT_EQ(got[4]["param1"], 1);  // 1001 s, wrapped at 250
-  EXPECT_EQ(got[4]["param3"], 6);
-  EXPECT_EQ(got[6]["param_id"], "GPS1_TYPE");
-  EXPECT_EQ(got[6]["param_index"], -1);
-  EXPECT_EQ(got[7]["param_value"], 3);
-  EXPECT_EQ(got[8]["initial_timestamp"], 77);
-  EXPECT_EQ(got[8]["secret_key"][2], 3);
+  EXPECT_EQ(got[5]["name"], "NDR_SIGMA");
+  EXPECT_EQ(got[5]["value"], 2.5);
+  EXPECT_EQ(got[6]["text"], "Nadir: vision position in use");
+  EXPECT_EQ(got[7]["command"], 512);
+  EXPECT_EQ(got[7]["param1"], 148);
+  EXPECT_EQ(got[8]["command"], 43003);
+  EXPECT_EQ(got[8]["x"], 472500000);
+  EXPECT_EQ(got[8]["y"], 85000000);
+  EXPECT_EQ(got[8]["param1"], 1);  // 1001 s, wrapped at 250
+  EXPECT_EQ(got[8]["param3"], 6);
+  EXPECT_EQ(got[10]["param_id"], "GPS1_TYPE");
+  EXPECT_EQ(got[10]["param_index"], -1);
+  EXPECT_EQ(got[11]["param_value"], 3);
+  EXPECT_EQ(got[12]["initial_timestamp"], 77);
+  EXPECT_EQ(got[12]["secret_key"][2], 3);
+}
+
+TEST(Encode, GlobalPositionSensorFieldByField) {
+  const auto got = read({GlobalPositionSensor{.target = kAutopilot,
+                                              .sensor_id = 2,
+                                              .unix_us = 1730291696123456,
+                                              .processing_s = 0.25,
+                                              .place = {-8.1234567, 47.7654321},
+                                              .sigma_m = 3.5,
+                                              .msl_m = 612.5,
+                                              .vertical_sigma_m = 2.5},
+                         GlobalPositionSensor{.place = {8, 47}, .sigma_m = 1}});
+  EXPECT_EQ(got[0]["target_system"], 1);
+  EXPECT_EQ(got[0]["target_component"], 1);
+  EXPECT_EQ(got[0]["id"], 2);
+  EXPECT_EQ(got[0]["time_usec"], 1730291696123456);
+  EXPECT_EQ(got[0]["processing_time"], 250'000);
+  EXPECT_EQ(got[0]["source"], 2);  // vision
+  EXPECT_EQ(got[0]["flags"], 0);
+  EXPECT_EQ(got[0]["lat"], 477654321);
+  EXPECT_EQ(got[0]["lon"], -81234567);
+  EXPECT_EQ(got[0]["eph"], 3.5);
+  EXPECT_EQ(got[0]["epv"], 2.5);
+  EXPECT_EQ(got[0]["alt"], 612.5);
+  for (const char* unknown : {"alt", "alt_ellipsoid", "epv"}) EXPECT_EQ(got[1][unknown], "nan") << unknown;
+}
+
+TEST(Encode, OdometryHasAPositionAndNothingElse) {
+  const auto got = read({LocalPosition{.unix_us = 1730291696123456,
+                                       .north_m = 1500.5,
+                                       .east_m = -20.25,
+                                       .down_m = -300,
+                                       .sigma_m = 3,
+                                       .vertical_sigma_m = 5,
+                                       .reset_counter = 7}})[0];
+  EXPECT_EQ(got["frame_id"], 1);        // local NED
+  EXPECT_EQ(got["estimator_type"], 2);  // vision
+  EXPECT_EQ(got["reset_counter"], 7);
+  EXPECT_EQ(got["x"], 1500.5);
+  EXPECT_EQ(got["y"], -20.25);
+  EXPECT_EQ(got["z"], -300);
+  for (const char* unknown : {"vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed"}) {
+    EXPECT_EQ(got[unknown], "nan") << unknown;
+  }
+  for (const auto& q : got["q"]) EXPECT_EQ(q, "nan");
+  for (const auto& element : got["velocity_covariance"]) EXPECT_EQ(element, "nan");
+  const auto& covariance = got["pose_covariance"];
+  EXPECT_EQ(covariance[0], 9);
+  EXPECT_EQ(covariance[6], 9);
+  EXPECT_EQ(covariance[11], 25);
+  for (const int zero : {1, 2, 7}) EXPECT_EQ(covariance[static_cast<std::size_t>(zero)], 0);
+  for (const int unknown : {3, 8, 12, 15, 20}) EXPECT_EQ(covariance[static_cast<std::size_t>(unknown)], "nan");
+}
+
+TEST(Encode, OriginOfTheLocalFrame) {
+  const auto got = read({SetLocalOrigin{3, {8.5, 47.25}, 512.25}})[0];
+  EXPECT_EQ(got["target_system"], 3);
+  EXPECT_EQ(got["latitude"], 472500000);
+  EXPECT_EQ(got["longitude"], 85000000);
+  EXPECT_EQ(got["altitude"], 512250);
 }
 
 TEST(Encode, GpsInputFieldByField) {

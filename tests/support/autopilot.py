@@ -41,6 +41,7 @@ def arguments(argv=None):
                         help="which of the two GPS instances is real; GPS_INPUT plays the other")
     parser.add_argument("--fault", action="append", default=[], help="misbehave: see simulated_autopilot/protocol.py")
     parser.add_argument("--parameter", action="append", default=[], metavar="NAME=VALUE", help="as it is at the start")
+    parser.add_argument("--px4", metavar="VERSION", help="PX4 of this version, such as 1.18, instead of ArduPilot")
     parser.add_argument("--disarmed", action="store_true", help="say so: as on the ground, for provisioning")
     parser.add_argument("--epoch-us", type=int, help="UTC at the start; now without")
     parser.add_argument("--log", metavar="DIR", help="for track.csv and summary.json")
@@ -63,6 +64,8 @@ def build(args):
         wind=tuple(args.wind), terrain=terrain, events=[parse_event(text) for text in args.event],
         gps_input_instance=0 if args.own_receiver == "second" else 1, faults=tuple(args.fault),
         unix_us=args.epoch_us if args.epoch_us is not None else time.time_ns() // 1000)
+    if args.px4:
+        options.px4_version = tuple(int(number) for number in args.px4.split("."))[:2]
     key = bytes.fromhex(pathlib.Path(args.key_file).read_text(encoding="ascii").strip()) if args.key_file else None
     echo = None if args.quiet else lambda line: print(line, flush=True)
     truth = [Link(open_transport(url)) for url in args.truth]
@@ -70,7 +73,7 @@ def build(args):
     vehicle.armed = not args.disarmed
     for text in args.parameter:
         name, value = text.split("=")
-        vehicle.protocol.parameters[name] = float(value)
+        vehicle.protocol.set_text(name, value)
     return vehicle
 
 

@@ -276,7 +276,8 @@ TEST_F(AirframeFile, ReadsCameraMountAndIdentity) {
   EXPECT_EQ(plain.component, 197);
   EXPECT_FALSE(plain.sequence || plain.expires) << "files of before these existed";
   const Airframe whole = read(R"(, "mount": {"yaw_deg": 90, "pitch_deg": 9.5, "roll_deg": -1}, "capture_delay_s": 0.08,
-    "mavlink": {"system": 3, "autopilot": 1, "component": 191, "link": 2, "gps_id": 1},
+    "mavlink": {"system": 3, "autopilot": 1, "component": 191, "link": 2, "gps_id": 1,
+                "parameters": [{"name": "EKF2_AGP0_CTRL", "value": 1}, {"name": "EKF2_GPS_CTRL", "value": 7}]},
     "sequence": 12, "expires": "2030-01-01T00:00:00Z")");
   EXPECT_EQ(whole.sequence, 12);
   EXPECT_EQ(whole.expires, UtcTime{1'893'456'000});
@@ -287,6 +288,9 @@ TEST_F(AirframeFile, ReadsCameraMountAndIdentity) {
   EXPECT_EQ(whole.component, 191);
   EXPECT_EQ(whole.link, 2);
   EXPECT_EQ(whole.gps_id, 1);
+  ASSERT_EQ(whole.parameters.size(), 2U);
+  EXPECT_EQ(whole.parameters[1].name, "EKF2_GPS_CTRL");
+  EXPECT_EQ(whole.parameters[1].value, 7);
 }
 
 TEST_F(AirframeFile, ErrorsNameTheKey) {
@@ -296,6 +300,9 @@ TEST_F(AirframeFile, ErrorsNameTheKey) {
       {R"(, "capture_delay_s": -1)", "capture_delay_s"},
       {R"(, "mavlink": {"system": 0})", "mavlink.system"},
       {R"(, "mavlink": {"component": 256})", "component"},
+      {R"(, "mavlink": {"parameters": [{"name": "X Y", "value": 1}]})", "name"},
+      {R"(, "mavlink": {"parameters": [{"name": "LONGER_THAN_16_BYTES", "value": 1}]})", "name"},
+      {R"(, "mavlink": {"parameters": [{"name": "X"}]})", "value"},
       {R"(, "wings": 2)", "wings"},
       {R"(, "mavlink": {"key": "secret"})", "key"},
       {R"(, "sequence": 0)", "sequence"},

@@ -11,6 +11,12 @@ from .processes import Programs
 from .run_summary import run_summary
 from .watch import Watch
 
+# The simulated autopilots, and the parameters that `nadir provision autopilot` would set.
+AUTOPILOTS = {
+    "ardupilot": ([], []),
+    "px4": (["--px4", "1.18"], ["EKF2_AGP0_ID=1", "EKF2_AGP0_CTRL=1", "EKF2_AGP0_GATE=5", "EKF2_HGT_REF=0"]),
+    "px4-1.17": (["--px4", "1.17"], ["EKF2_EV_CTRL=1", "EKF2_HGT_REF=0"]),
+}
 HERE = pathlib.Path(__file__).resolve().parent
 AUTOPILOT = HERE.parent.parent / "support" / "autopilot.py"
 
@@ -36,6 +42,7 @@ class Setup:
     record: pathlib.Path = None  # another folder than run/record
     speed: float = 1  # times real time; nadird must have a clock that goes as fast
     environment: dict = dataclasses.field(default_factory=dict)  # of nadird, besides ours
+    autopilot: str = "ardupilot"  # of AUTOPILOTS
     as_of_creation: bool = True  # nadird judges as of the package's creation; then it remembers nothing, and resumes nothing
 
     def rows(self):
@@ -103,12 +110,15 @@ class Flight:
     def start_autopilot(self):
         setup, inputs = self.setup, self.inputs
         self.begun = time.monotonic()
+        words, parameters = AUTOPILOTS[setup.autopilot]
+        if setup.autopilot == "ardupilot":
+            parameters = [f"GPS{2 if setup.own_receiver == 'first' else 1}_DELAY_MS=10"]
         self.autopilot = self.programs.start("autopilot", [
             sys.executable, "-B", AUTOPILOT, "--link", f"udpout:127.0.0.1:{self.link_port}", "--truth",
             f"udpout:127.0.0.1:{self.truth_port}", "--truth", f"udpout:127.0.0.1:{self.other_port}", "--waypoints",
             inputs.waypoints, "--altitude-m", inputs.altitude_m, "--terrain", inputs.terrain, "--duration",
             setup.minutes * 60, "--speed", setup.speed, "--seed", setup.seed, "--own-receiver", setup.own_receiver, "--log", self.run / "flight",
-            "--parameter", f"GPS{2 if setup.own_receiver == 'first' else 1}_DELAY_MS=10", *self._key("--key-file"), *(word for event in setup.events for word in ("--event", event))])
+            *words, *(f"--parameter={text}" for text in parameters), *self._key("--key-file"), *(word for event in setup.events for word in ("--event", event))])
         self.programs.wait_until_says(self.autopilot, " s  ")
         self.begun_flying = time.monotonic()
 

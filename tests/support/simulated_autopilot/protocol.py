@@ -12,12 +12,18 @@ PARAMETERS = {"GPS1_TYPE": 14, "GPS2_TYPE": 1, "GPS1_DELAY_MS": 0, "GPS2_DELAY_M
 
 
 class Protocol:
+    """ArduPilot's."""
+
     def __init__(self, vehicle, link, faults=()):
         """faults, for the tests of provisioning: "param-silent", "param-refuses", "param-refuses=NAME", "command-silent",
         "no-version", "imu-slow" (5 Hz whatever is asked), "gps-input-deaf", "signing-deaf"."""
         self.vehicle, self.link, self.faults = vehicle, link, set(faults)
         self.parameters = dict(PARAMETERS)
         self.received = {}
+
+    def set_text(self, name, text):
+        """From the command line."""
+        self.parameters[name] = float(text)
 
     def handle(self, message):
         kind = message.get_type()
@@ -98,7 +104,7 @@ class Protocol:
     def _carry_out(self, command, parameters):
         accepted, denied = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED
         if command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
-            slow = "imu-slow" in self.faults and _name(parameters[0]) == "RAW_IMU"
+            slow = "imu-slow" in self.faults and _name(parameters[0]) in ("RAW_IMU", "HIGHRES_IMU")
             known = self.vehicle.telemetry.set_interval(_name(parameters[0]), 200_000 if slow else parameters[1])
             return accepted if known else denied
         if command == dialect.MAV_CMD_REQUEST_MESSAGE:

@@ -26,16 +26,18 @@ def cdeg(radians):
 
 
 class Telemetry:
+    RATES = RATES
+
     def __init__(self, vehicle):
         self.vehicle = vehicle
-        self.periods = {name: 1 / rate for name, rate in RATES.items()}
-        self.next = dict.fromkeys(RATES, 0.0)
+        self.periods = {name: 1 / rate for name, rate in self.RATES.items()}
+        self.next = dict.fromkeys(self.RATES, 0.0)
 
     def set_interval(self, name, interval_us):
         """MAV_CMD_SET_MESSAGE_INTERVAL: 0 the usual rate, -1 never. False: no such message here."""
-        if name not in RATES:
+        if name not in self.RATES:
             return False
-        self.periods[name] = 1 / RATES[name] if interval_us == 0 else math.inf if interval_us < 0 else interval_us * 1e-6
+        self.periods[name] = 1 / self.RATES[name] if interval_us == 0 else math.inf if interval_us < 0 else interval_us * 1e-6
         self.next[name] = self.vehicle.now_s
         return True
 

@@ -11,7 +11,11 @@ from .guidance import Guidance
 from .navigation import Navigation
 from .plan import Plan
 from .plane import Plane
-from .position_filter import ANOTHER
+from .px4_filter import BY_DESIGN
+from .px4_navigation import Px4Navigation
+from .px4_projection import MapProjection
+from .px4_protocol import Px4Protocol
+from .px4_telemetry import Px4Telemetry
 from .protocol import Protocol
 from .scenario import Scenario
 from .telemetry import Telemetry
@@ -38,6 +42,7 @@ class Options:
     events: list = dataclasses.field(default_factory=list)
     gps_input_instance: int = 0
     faults: tuple = ()
+    px4_version: tuple = None  # (1, 18): PX4 of this version instead of ArduPilot
 
 
 class Vehicle:
@@ -50,14 +55,21 @@ class Vehicle:
         start = self.plan.point(0)
         self.plane = Plane(self._random("plane"), *start, options.altitude, self.plan.direction(0), options.airspeed,
                            options.wind)
-        self.navigation = Navigation(self._random("navigation"), self.plane, self.local, options.gps_input_instance)
         self.guidance = Guidance(self.plan)
-        self.telemetry = Telemetry(self)
-        self.protocol = Protocol(self, link, options.faults)
-        if options.gps_input_instance == 1:
-            self.protocol.parameters.update(GPS1_TYPE=1, GPS2_TYPE=14, GPS_PRIMARY=1)
         self.scenario = Scenario(options.events)
+        if options.px4_version:
+            self.protocol, self.telemetry = Px4Protocol(self, link, options.faults), Px4Telemetry(self)
+            self.navigation = Px4Navigation(self._random("navigation"), self.plane, self.local, self.protocol.parameters)
+            if not any(event.action == "gps-denied" and event.time_s == 0 for event in options.events):
+                self.navigation.origin = MapProjection(*options.corners[0])  # where it had its first GPS fix
+                self.navigation.origin_altitude = options.terrain.height(*options.corners[0])
+        else:
+            self.protocol, self.telemetry = Protocol(self, link, options.faults), Telemetry(self)
+            self.navigation = Navigation(self._random("navigation"), self.plane, self.local, options.gps_input_instance)
+        if options.gps_input_instance == 1 and not options.px4_version:
+            self.protocol.parameters.update(GPS1_TYPE=1, GPS2_TYPE=14, GPS_PRIMARY=1)
         self.terrain, self.home_altitude = options.terrain, options.terrain.height(*options.corners[0])
+        self.filter_name = "EKF2" if options.px4_version else "EKF3"
         self.armed = True
         self.uid = self._random("uid").randbytes(12)
         attitude = self._random("attitude")
@@ -110,8 +122,12 @@ class Vehicle:
     def receive_gps_input(self, message):
         lag_s = self.navigation.given.lag_s(self.protocol.parameters)
         word = self.navigation.receive_gps_input(self.now_s, message, lag_s)
+        self.note_given(word, message.fix_type >= 3 and word != "gps_id")
+
+    def note_given(self, word, has_place=True):
+        """A given position was judged."""
         self.log.verdict(word)
-        if message.fix_type >= 3 and word != "gps_id":
+        if has_place and self.navigation.given.sample is not None:
             sample = self.navigation.given.sample
             self.given_errors.append(math.dist((sample.north, sample.east), (self.plane.north, self.plane.east)))
 
@@ -123,7 +139,7 @@ class Vehicle:
                 "gps_input_spacing_max_s": given.longest_s, "gps_input_late": given.late,
                 "resets": [dict(zip(("time_s", "source", "reason", "metres"), reset))
                            for reset in self.navigation.filter.resets],
-                "resets_by_gps_input": sum(source == "gps_input" and reason != ANOTHER
+                "resets_by_gps_input": sum(source == "gps_input" and reason not in BY_DESIGN
                                            for _, source, reason, _ in self.navigation.filter.resets),
                 "link": {"received": self.link.received, "refused": self.link.refused, "sent": self.link.sent},
                 "received": self.protocol.received}
@@ -160,7 +176,7 @@ class Vehicle:
         resets = self.navigation.filter.resets
         for time_s, source, reason, metres in resets[self._resets_told:]:
             self.log.event(time_s, "reset", source=source, reason=reason, metres=round(metres, 1))
-            self._say(dialect.MAV_SEVERITY_WARNING, f"EKF3 position reset to {source} by {metres:.0f} m")
+            self._say(dialect.MAV_SEVERITY_WARNING, f"{self.filter_name} position reset to {source} by {metres:.0f} m")
         self._resets_told = len(resets)
         if self.navigation.source != self._source:
             self._source = self.navigation.source

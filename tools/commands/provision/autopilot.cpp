@@ -51,10 +51,11 @@ class ProvisionAutopilotCommand final : public Command {
 };
 
 std::string_view ProvisionAutopilotCommand::details() const {
-  return R"(Shows the autopilot's identity and the parameters that it needs; with --apply it sets them and reads
-each back, restarts the autopilot where required, installs the signing key, tests RAW_IMU and
-GPS_INPUT, and finally writes airframe.json with its signature. If a step fails, the command stops
-and restores what it changed.
+  return R"(Shows the identity of an ArduPilot or PX4 autopilot and the parameters that it needs; with --apply it
+sets them and reads each back, restarts the autopilot where required, installs the signing key,
+tests its accelerometer and, with ArduPilot, GPS_INPUT, and finally writes airframe.json with its
+signature. If a step fails, the command stops and restores what it changed. nadird compares the
+parameters in airframe.json with the autopilot's before take-off.
 
 The aircraft must be disarmed. The key crosses the link unencrypted: use a cable.
 
@@ -70,7 +71,7 @@ void ProvisionAutopilotCommand::setup(Options& options) {
   options.value("--autopilot", url_, "URL", "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD")
       .required();
   options.flag("--apply", apply_, "change the autopilot; without it, only show");
-  options.value("--receiver", receiver_, "N", "GPS receiver that GPS_INPUT takes the place of").between(1, 2);
+  options.value("--receiver", receiver_, "N", "GPS receiver that GPS_INPUT takes the place of; PX4: slot EKF2_AGP(N-1)").between(1, 2);
   options.value("--signing-key", signing_key_, "FILE", "signing key of the link; created with --apply if missing");
   options.value("--airframe", id_, "ID", "write an airframe file with this id").needs("--camera");
   options.value("--camera", camera_, "FILE.yaml", "camera of the airframe").needs("--key");
@@ -147,7 +148,7 @@ int ProvisionAutopilotCommand::run(Context& context) {
   const std::optional<SigningKey> key = read_or_make_key(context);
   const LinkState link = open_detected(session, key, signing_time);
   const AutopilotIdentity autopilot = identify(session);
-  const auto parameters = read_parameters(session, autopilot.address, receiver_);
+  const auto parameters = read_parameters(session, autopilot, receiver_);
   if (!apply_) {
     report(context, autopilot, parameters, {});
     return kAccepted;
@@ -156,6 +157,7 @@ int ProvisionAutopilotCommand::run(Context& context) {
     if (!wanted) return;
     wanted->system = autopilot.address.system;
     wanted->autopilot = autopilot.address.component;
+    for (const AutopilotParameter& one : parameters) wanted->parameters.push_back({one.name, one.wanted});
     write_airframe(*out_, *wanted, *signer);
   };
   const auto tell = [&](std::string_view line) {
@@ -172,7 +174,8 @@ void ProvisionAutopilotCommand::report(Context& context, const AutopilotIdentity
                                        const std::vector<AutopilotParameter>& parameters,
                                        const std::optional<Provisioned>& done) const {
   if (context.json) {
-    nlohmann::json document{{"uid", autopilot.uid},
+    nlohmann::json document{{"autopilot", autopilot.name()},
+                            {"uid", autopilot.uid},
                             {"version", autopilot.version},
                             {"system", autopilot.address.system},
                             {"component", autopilot.address.component},
@@ -189,14 +192,14 @@ void ProvisionAutopilotCommand::report(Context& context, const AutopilotIdentity
     print_json(context.out, document);
     return;
   }
-  Figures figures{{"autopilot", fmt::format("ArduPilot {}, system {}", autopilot.version, autopilot.address.system)},
+  Figures figures{{"autopilot", fmt::format("{} {}, system {}", autopilot.name(), autopilot.version, autopilot.address.system)},
                   {"identity", autopilot.uid}};
   for (const AutopilotParameter& one : parameters) {
     const std::string change = done ? fmt::format("was {}, is {}", one.present, one.wanted)
                                     : fmt::format("is {}, should be {}", one.present, one.wanted);
     figures.emplace_back(one.name, one.differs() ? change : fmt::format("{}", one.present));
   }
-  if (done) figures.emplace_back("RAW_IMU", fmt::format("{:.1f} Hz", done->imu_rate_hz));
+  if (done) figures.emplace_back(std::string(imu_name(autopilot)), fmt::format("{:.1f} Hz", done->imu_rate_hz));
   if (done && out_) figures.emplace_back("written", out_->string());
   print_figures(context.out, figures);
   if (!done && !context.quiet) context.err << "nothing was changed; use --apply to make the changes\n";

@@ -1,0 +1,56 @@
+#include "flight/gps_fusion_switch.hpp"
+
+#include <gtest/gtest.h>
+
+namespace nadir {
+namespace {
+
+constexpr MavlinkAddress kAutopilot{1, 1};
+constexpr std::uint8_t kInt32 = 6;
+
+ParameterValue control(double value) {
+  return {.name = "EKF2_GPS_CTRL",
+          .wire_value = wire_value(value, kInt32, ParameterEncoding::bytewise),
+          .type = kInt32};
+}
+
+std::optional<double> set_to(const std::optional<OutgoingMessage>& message) {
+  if (!message || !std::holds_alternative<ParameterSet>(*message)) return std::nullopt;
+  const auto& set = std::get<ParameterSet>(*message);
+  EXPECT_EQ(set.name, "EKF2_GPS_CTRL");
+  return value_of({.wire_value = set.wire_value, .type = set.type}, ParameterEncoding::bytewise);
+}
+
+TEST(GpsFusionSwitch, TakesGpsOutAndGivesItBack) {
+  GpsFusionSwitch gps({{"EKF2_GPS_CTRL", 7}}, kAutopilot);
+  EXPECT_TRUE(std::holds_alternative<ParameterRequest>(*gps.turn(0, GpsVerdict::trusted)));
+  EXPECT_FALSE(gps.on_message(control(7)));
+  EXPECT_FALSE(gps.turn(1, GpsVerdict::trusted));
+  EXPECT_EQ(set_to(gps.turn(2, GpsVerdict::spoofed)), 0);
+  EXPECT_FALSE(gps.turn(2.1, GpsVerdict::spoofed)) << "not in every turn";
+  EXPECT_EQ(set_to(gps.turn(2.6, GpsVerdict::spoofed)), 0) << "until it is confirmed";
+  EXPECT_TRUE(gps.on_message(control(0)));
+  EXPECT_FALSE(gps.on_message(control(0))) << "the operator is told once";
+  EXPECT_FALSE(gps.turn(4, GpsVerdict::spoofed));
+  EXPECT_FALSE(gps.turn(5, GpsVerdict::unknown)) << "only a trusted one comes back";
+  EXPECT_EQ(set_to(gps.turn(6, GpsVerdict::trusted)), 7);
+  EXPECT_TRUE(gps.on_message(control(7)));
+  EXPECT_EQ(set_to(gps.turn(8, GpsVerdict::denied)), 0);
+}
+
+TEST(GpsFusionSwitch, AfterARestartInFlightTheAirframeFileSaysWhatIsUsual) {
+  GpsFusionSwitch gps({{"EKF2_GPS_CTRL", 5}}, kAutopilot);
+  EXPECT_TRUE(gps.on_message(control(0)));
+  EXPECT_EQ(set_to(gps.turn(1, GpsVerdict::trusted)), 5);
+}
+
+TEST(GpsFusionSwitch, WhatTheOperatorSwitchedOffStaysOff) {
+  GpsFusionSwitch gps({}, kAutopilot);
+  EXPECT_FALSE(gps.on_message(control(0)));
+  for (const GpsVerdict verdict : {GpsVerdict::trusted, GpsVerdict::spoofed, GpsVerdict::trusted}) {
+    EXPECT_FALSE(gps.turn(10, verdict));
+  }
+}
+
+}  // namespace
+}  // namespace nadir
