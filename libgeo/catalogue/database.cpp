@@ -87,6 +87,9 @@ CatalogueLayout fleet_catalogue() {
           .schema = "nadir",
           .spatialite = catalogue_sql::spatialite,
           .postgis = catalogue_sql::postgis,
+          .spatialite_views = catalogue_sql::spatialite_views,
+          .postgis_views = catalogue_sql::postgis_views,
+          .first_view = "package_states",
           .maker = "nadir catalogue add"};
 }
 
@@ -108,6 +111,7 @@ CatalogueDatabase::CatalogueDatabase(const CatalogueLocation& location, Access a
     }
   }
   check_format();
+  if (access == Access::write && !layout_.first_view.empty()) add_views();
 }
 
 CatalogueDatabase::~CatalogueDatabase() {
@@ -230,6 +234,29 @@ void CatalogueDatabase::create_schema() {
     }
   }
   commit();
+}
+
+// A user of a server who may write rows but not create views does without them.
+void CatalogueDatabase::add_views() {
+  const bool postgres = location_.kind == CatalogueLocation::Kind::postgres;
+  const std::string known =
+      postgres ? fmt::format("SELECT viewname FROM pg_views WHERE schemaname = '{}' AND viewname = '{}'",
+                             layout_.schema, layout_.first_view)
+               : fmt::format("SELECT name FROM sqlite_master WHERE type = 'view' AND name = '{}'", layout_.first_view);
+  if (query_value(known) == layout_.first_view) return;
+  try {
+    begin();
+    // Of two processes the second one finds them.
+    if (query_value(known) != layout_.first_view) {
+      for (const std::string& statement : statements_of(postgres ? layout_.postgis_views : layout_.spatialite_views)) {
+        execute(statement, "creating the catalogue's views");
+      }
+    }
+    commit();
+  } catch (const Error&) {
+    if (in_transaction_) roll_back();
+    errors_->clear();
+  }
 }
 
 void CatalogueDatabase::execute(const std::string& sql, const char* doing) {

@@ -53,6 +53,8 @@ struct CatalogueLayout {
   std::string schema;           // of the tables in PostgreSQL: letters, digits and _
   std::string_view spatialite;  // the statements that create the tables
   std::string_view postgis;
+  // Views for people, or none: added when a catalogue without them is opened for writing. first_view: one of them.
+  std::string_view spatialite_views{}, postgis_views{}, first_view{};
   std::string maker;  // the command that creates one, for messages: "nadir catalogue add"
 };
 
@@ -103,6 +105,7 @@ class CatalogueDatabase {
   void check_format();
   void create_file() const;
   void create_schema();
+  void add_views();
   void execute(const std::string& sql, const char* doing);
   std::optional<std::string> query_value(const std::string& sql);
   OGRLayer& layer(const char* table);

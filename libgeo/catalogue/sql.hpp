@@ -1,4 +1,4 @@
-// The statements that create an empty catalogue: the texts of catalogue_spatialite.sql and catalogue_postgis.sql.
+// The statements that create an empty catalogue, and its views: the texts of catalogue_*.sql.
 #pragma once
 
 #include <string_view>
@@ -7,5 +7,7 @@ namespace nadir::catalogue_sql {
 
 extern const std::string_view spatialite;
 extern const std::string_view postgis;
+extern const std::string_view spatialite_views;
+extern const std::string_view postgis_views;
 
 }  // namespace nadir::catalogue_sql

@@ -303,6 +303,11 @@ ApiResponse DeskApi::dispatch(const DeskRoute& route, const ApiRequest& request)
     if (!listing || !listing->package) return not_found("package", "there is no accepted package of this name");
     return tile_answer(listing->package->tiles.get(), route.tile);
   }
+  if (route.path == DeskPath::vectors) {
+    const auto listing = desk_.packages().find(route.name);
+    if (!listing || !listing->package) return not_found("package", "there is no accepted package of this name");
+    return vectors_answer(listing->package->package->read_vectors());
+  }
   if (route.path == DeskPath::imports || route.path == DeskPath::import_files ||
       route.path == DeskPath::import_flight || route.path == DeskPath::import_item) {
     return import_call(route, request, desk_);

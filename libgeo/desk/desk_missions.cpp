@@ -60,6 +60,7 @@ json imagery_json(const ImagerySource& source) {
 
 json planning_json(const PlanningRoom& room, UtcTime now) {
   json imagery = json::array(), elevation = json::array(), cameras = json::array(), keys = json::array();
+  json vectors = json::array();
   const auto problem = [](const auto& source) { return source.problem.empty() ? json() : json(source.problem); };
   const MapSources& sources = room.sources();
   for (const ImagerySource& source : sources.imagery()) imagery.push_back(imagery_json(source));
@@ -67,15 +68,30 @@ json planning_json(const PlanningRoom& room, UtcTime now) {
     elevation.push_back({{"name", source.name}, {"problem", problem(source)}});
   for (const NamedSource& source : sources.cameras())
     cameras.push_back({{"name", source.name}, {"problem", problem(source)}});
+  for (const NamedSource& source : sources.vectors())
+    vectors.push_back({{"name", source.name}, {"problem", problem(source)}});
   for (const KeySource& key : sources.keys()) {
     keys.push_back({{"name", key.name},
                     {"keyid", key.keyid.empty() ? json() : json(key.keyid)},
                     {"appointed", key.appointed ? json(*key.appointed) : json()},
                     {"problem", problem(key)}});
   }
-  return {{"imagery", std::move(imagery)},        {"elevation", std::move(elevation)},
-          {"cameras", std::move(cameras)},        {"keys", std::move(keys)},
-          {"trust", sources.trust().has_value()}, {"defaults", new_document("mission", now)}};
+  return {{"imagery", std::move(imagery)},           {"elevation", std::move(elevation)},
+          {"cameras", std::move(cameras)},           {"keys", std::move(keys)},
+          {"vectors", std::move(vectors)},           {"trust", sources.trust().has_value()},
+          {"defaults", new_document("mission", now)}};
+}
+
+json vectors_json(const Manifest& manifest) {
+  const Artifact* const artifact = manifest.artifact(kRoleVectors);
+  if (artifact == nullptr || !artifact->vectors) return {};
+  const VectorFacts& facts = *artifact->vectors;
+  return {{"attribution", facts.attribution},
+          {"licence", facts.licence},
+          {"roads", facts.roads},
+          {"water", facts.water},
+          {"woods", facts.woods},
+          {"buildings", facts.buildings}};
 }
 
 json package_of(const PlanningRoom& room, const StoredMission& mission) {
@@ -89,6 +105,7 @@ json package_of(const PlanningRoom& room, const StoredMission& mission) {
           {"bounds", box_json(package->manifest.bounds)},
           {"indexed", package->indexed()},
           {"matchability", package->matchability.has_value()},
+          {"vectors", vectors_json(package->manifest)},
           {"of_this_mission", package->mission_text == mission.text}};
 }
 
@@ -192,6 +209,7 @@ std::variant<JobRequest, Problem> parse_job(const ApiRequest& request) {
       return in.text(key, {.least = 1, .most = 255});
     };
     job.elevation = name("elevation"), job.camera = name("camera"), job.key = name("key");
+    job.vectors = name("vectors");
     if (in.has("tile_format")) job.tile_format = in.choice("tile_format", {"jpeg", "webp", "png"});
     if (in.has("container")) job.container = in.choice("container", {"mbtiles", "cog"});
     job.quality = in.optional_integer<int>("quality", 1, 100).value_or(job.quality);
@@ -267,6 +285,7 @@ ApiResponse layer(const DeskRoute& route, const PlanningRoom& room, const Stored
   }
   const std::shared_ptr<const PlannedPackage> package = room.package(mission);
   if (!package) return unknown("package", "the mission has no package yet");
+  if (route.tile == "vectors") return vectors_answer(vectors_of(*package));
   if (route.tile == "tiles") return geojson_answer(tiles_geojson(*package, now, kMostTiles).dump());
   return geojson_answer(gaps_geojson(*package, *mission.reading.mission).dump());
 }

@@ -147,7 +147,7 @@ std::optional<DeskRoute> mission_route(const std::vector<std::string>& parts, st
   } else if (parts.size() == 5 && what == "jobs" && parts[4] == "latest") {
     route.path = DeskPath::mission_job, route.methods = "GET, HEAD, DELETE";
   } else if (parts.size() == 5 && what == "layers" &&
-             (parts[4] == "tiles" || parts[4] == "gaps" || parts[4] == "prediction")) {
+             (parts[4] == "tiles" || parts[4] == "gaps" || parts[4] == "prediction" || parts[4] == "vectors")) {
     route.path = DeskPath::mission_layer, route.tile = parts[4];
   } else if (parts.size() == 7 && what == "tiles") {
     route.path = DeskPath::mission_tile, route.tile = tile_address(parts, 4);
@@ -196,6 +196,9 @@ std::optional<DeskRoute> desk_route(std::string_view path, std::string_view meth
   }
   if ((*parts)[1] == "imports") return import_route(*parts, method, picture_bytes);
   if ((*parts)[1] == "missions") return mission_route(*parts, method);
+  if (parts->size() == 4 && (*parts)[1] == "packages" && (*parts)[3] == "vectors") {
+    return DeskRoute{.path = DeskPath::vectors, .name = (*parts)[2]};
+  }
   const bool imagery = (*parts)[1] == "imagery";
   if (parts->size() != 7 || (*parts)[3] != "tiles" || (!imagery && (*parts)[1] != "packages")) return std::nullopt;
   return DeskRoute{
@@ -229,6 +232,7 @@ std::optional<ApiResponse> refusal(const DeskRoute& route, const ApiRequest& hea
 std::string lane_of(const DeskRoute& route) {
   switch (route.path) {
     case DeskPath::tile: return "tiles";
+    case DeskPath::vectors: return "vectors";
     case DeskPath::imagery_tile: return "imagery " + route.name;
     case DeskPath::planning:
     case DeskPath::missions:

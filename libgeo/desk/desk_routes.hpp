@@ -25,6 +25,7 @@ enum class DeskPath {
   contract,
   packages,
   tile,
+  vectors,
   imports,
   import_files,
   import_flight,

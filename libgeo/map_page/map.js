@@ -14,6 +14,7 @@ const makeFlightMap = (container, { onFrame, onPlace, onObject }) => {
   const layer = () => L.layerGroup().addTo(map);
   const uncertainties = layer(), compared = layer(), casings = layer(), lines = layer(), dots = layer(), places = layer(), objects = layer(),
         marks = layer(), chosen = layer();
+  const vectors = makeVectorOverlay(map);
   let tiles = null, placed = false, asking = false, following = true;
   const estimates = [], strokes = new Map(), dotOf = new Map();
   let selected = null, showAll = false;
@@ -121,7 +122,9 @@ const makeFlightMap = (container, { onFrame, onPlace, onObject }) => {
     setPackage: (pack) => {
       tiles?.remove();
       tiles = null;
+      vectors.show(null);
       if (!pack?.bounds) return;
+      vectors.load(`/v1/packages/${encodeURIComponent(pack.name)}/vectors`);
       tiles = makePackageTiles(pack, (z, x, y) => `/v1/packages/${encodeURIComponent(pack.name)}/tiles/${z}/${x}/${y}`).addTo(map);
       const [west, south, east, north] = pack.bounds;
       if (!placed) map.fitBounds([[south, west], [north, east]], { animate: false });

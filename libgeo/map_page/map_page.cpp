@@ -23,4 +23,11 @@ ApiResponse tile_answer(const TileSource* tiles, std::string_view address) {
           .headers = {{"Cache-Control", "private, max-age=60"}}};
 }
 
+ApiResponse vectors_answer(std::optional<Bytes> vectors) {
+  if (!vectors) return {.status = 204, .content_type = {}, .headers = {{"Cache-Control", "no-store"}}};
+  return {.content_type = "application/geo+json",
+          .body = std::string(as_text(*vectors)),
+          .headers = {{"Cache-Control", "no-store"}}};
+}
+
 }  // namespace nadir

@@ -3,6 +3,7 @@
 #include <gdal_priv.h>
 #include <ogrsf_frmts.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cmath>
@@ -146,11 +147,7 @@ class DrawingReader {
       for (int i = 0; i < line.getNumPoints(); ++i) drawn.heights_m.push_back(line.getZ(i));
       if (mode == "relativeToGround") drawn.frame = HeightFrame::above_ground;
       if (mode == "absolute") drawn.frame = HeightFrame::above_sea_level;
-      const std::string stated = text_of(feature, "height_frame");
-      for (const HeightFrame frame :
-           {HeightFrame::above_ground, HeightFrame::above_takeoff, HeightFrame::above_sea_level}) {
-        if (stated == nadir::name_of(frame)) drawn.frame = frame;
-      }
+      take_frames(text_of(feature, "height_frame"), drawn);
       // KML without a mode is clamped to the ground; elsewhere a height of 0 in every point is a drawing program's.
       if (!drawn.frame &&
           std::all_of(drawn.heights_m.begin(), drawn.heights_m.end(), [](double m) { return m == 0; })) {
@@ -158,6 +155,25 @@ class DrawingReader {
       }
     }
     drawing_.lines.push_back(std::move(drawn));
+  }
+
+  // One word for all points, or one for each; where points were added or removed, it is not known which.
+  static void take_frames(const std::string& stated, DrawnLine& drawn) {
+    std::vector<HeightFrame> frames;
+    std::size_t at = 0;
+    while (at < stated.size()) {
+      const std::size_t end = std::min(stated.find(' ', at), stated.size());
+      const std::string_view word = std::string_view(stated).substr(at, end - at);
+      for (const HeightFrame frame :
+           {HeightFrame::above_ground, HeightFrame::above_takeoff, HeightFrame::above_sea_level}) {
+        if (word == nadir::name_of(frame)) frames.push_back(frame);
+      }
+      at = end + 1;
+    }
+    if (frames.size() == 1) drawn.frame = frames.front();
+    if (frames.size() < 2 || frames.size() != drawn.heights_m.size()) return;
+    drawn.frame = frames.front();
+    drawn.frames = std::move(frames);
   }
 
   void add_polygon(const OGRPolygon& polygon, const OGRFeature& feature, const std::string& kind,

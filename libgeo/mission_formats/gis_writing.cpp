@@ -27,6 +27,15 @@ struct MissionFeature {
   std::map<std::string, std::string> attributes;
 };
 
+// One word for all points, or one for each.
+std::string frames_text(const Route& route) {
+  std::string text;
+  for (const HeightFrame frame : route.height_frames) {
+    text += (text.empty() ? "" : " ") + std::string(nadir::name_of(frame));
+  }
+  return text.empty() ? std::string(nadir::name_of(route.height_frame)) : text;
+}
+
 std::vector<MissionFeature> features_of(const Mission& mission) {
   std::vector<MissionFeature> features;
   features.push_back({"take-off",
@@ -37,7 +46,7 @@ std::vector<MissionFeature> features_of(const Mission& mission) {
   if (!mission.route.points.empty()) {
     MissionFeature route{
         "route", Shape::line, mission.route.points, mission.route.heights_m, {{"nadir_kind", "route"}}};
-    if (!route.heights_m.empty()) route.attributes["height_frame"] = name_of(mission.route.height_frame);
+    if (!route.heights_m.empty()) route.attributes["height_frame"] = frames_text(mission.route);
     features.push_back(std::move(route));
   }
   for (const Sector& sector : mission.sectors) {
@@ -91,6 +100,13 @@ std::string kml_coordinates(const MissionFeature& feature) {
 // Above ground, also where the mission counts from a take-off on flat ground, which is the same there.
 const char* altitude_mode(const Mission& mission, const MissionFeature& feature) {
   if (feature.heights_m.empty()) return "clampToGround";
+  if (!mission.route.height_frames.empty()) {
+    throw UsageError({.what = "KML cannot state heights of different frames in one line",
+                      .where = "mission " + mission.id,
+                      .expected = "heights above ground or above sea level",
+                      .found = height_frames_of(mission.route),
+                      .fix = "export as .plan, .waypoints, GeoJSON or GeoPackage"});
+  }
   if (mission.route.height_frame == HeightFrame::above_sea_level) return "absolute";
   if (mission.route.height_frame == HeightFrame::above_takeoff && !mission.terrain.flat) {
     throw UsageError({.what = "KML cannot state heights above the take-off point",

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -127,21 +128,18 @@ class RouteOfItems {
                         .expected = "a height in metres",
                         .fix = "state it in the ground station"});
     }
-    if (line_.frame && *line_.frame != frame) {
-      throw UsageError({.what = "the route mixes heights of different frames",
-                        .where = where,
-                        .expected = fmt::format("{}, as in {}", name_of(*line_.frame), first_),
-                        .found = std::string(name_of(frame)),
-                        .fix = "choose one altitude mode for all items in the ground station"});
-    }
-    if (!line_.frame) line_.frame = frame, first_ = where;
+    if (!line_.frame) line_.frame = frame;
     line_.points.push_back(place);
     line_.heights_m.push_back(height_m);
+    line_.frames.push_back(frame);
   }
 
   void leave_out(const std::string& what) { ++left_out_[what]; }
 
   void finish() {
+    const bool mixed = std::any_of(line_.frames.begin(), line_.frames.end(),
+                                   [&](HeightFrame one) { return one != line_.frames.front(); });
+    if (!mixed) line_.frames.clear();
     if (!line_.points.empty()) drawing_.lines.push_back(std::move(line_));
     for (const auto& [what, times] : left_out_) {
       drawing_.notes.add({.code = "import.left_out",
@@ -156,7 +154,6 @@ class RouteOfItems {
   std::string where_;
   MissionDrawing& drawing_;
   DrawnLine line_;
-  std::string first_;
   std::map<std::string, std::size_t> left_out_;
 };
 
@@ -235,8 +232,13 @@ class PlanReader {
 
   void read_simple(const JsonReader& item) {
     MissionItem read{item.where(), item.integer<int>("command", 0, 65'535), item.integer<int>("frame", 0, 255), {}};
-    const JsonReader params = item.array("params", {7, 7});
-    for (std::size_t i = 0; i < 7; ++i) read.params[i] = number_or_nan(params, i);
+    // Until 2017 the place stood beside four parameters.
+    constexpr std::size_t kPlainParams = 4, kAllParams = 7;
+    const auto place = item.optional_array("coordinate", {3, 3});
+    const std::size_t stated = place ? kPlainParams : kAllParams;
+    const JsonReader params = item.array("params", {stated, stated});
+    for (std::size_t i = 0; i < stated; ++i) read.params[i] = number_or_nan(params, i);
+    for (std::size_t i = stated; i < kAllParams; ++i) read.params[i] = number_or_nan(*place, i - kPlainParams);
     route_.add(read);
   }
 
@@ -266,6 +268,9 @@ class PlanReader {
   }
 
   void read_fence(const JsonReader& fence) {
+    // Of version 1: one polygon to stay inside of.
+    if (const auto only = fence.optional_array("polygon"); only && only->size() > 0)
+      route_.leave_out("a fence that includes");
     if (const auto polygons = fence.optional_array("polygons", {0, 256})) {
       for (std::size_t i = 0; i < polygons->size(); ++i) {
         const JsonReader one = polygons->object(i);
@@ -399,7 +404,7 @@ int frame_number(HeightFrame frame) {
 }
 
 struct FlownRoute {
-  int frame = 0;
+  std::vector<int> frames;  // and heights: one for each point
   std::vector<double> heights_m;
 };
 
@@ -412,9 +417,14 @@ FlownRoute flown(const Mission& mission) {
                       .found = "an area alone",
                       .fix = "export it as KML, GeoJSON or GeoPackage"});
   }
-  if (!mission.route.heights_m.empty()) return {frame_number(mission.route.height_frame), mission.route.heights_m};
-  return {mission.terrain.flat ? kTakeoffFrame : kGroundFrame,
-          std::vector<double>(mission.route.points.size(), mission.route.agl_m)};
+  const std::size_t points = mission.route.points.size();
+  if (mission.route.heights_m.empty()) {
+    return {std::vector<int>(points, mission.terrain.flat ? kTakeoffFrame : kGroundFrame),
+            std::vector<double>(points, mission.route.agl_m)};
+  }
+  FlownRoute route{{}, mission.route.heights_m};
+  for (std::size_t i = 0; i < points; ++i) route.frames.push_back(frame_number(mission.route.frame_at(i)));
+  return route;
 }
 
 json pair_of(LonLat place) { return {place.lat_deg, place.lon_deg}; }
@@ -512,11 +522,11 @@ std::string mission_as_plan(const Mission& mission) {
                      {"autoContinue", true},
                      {"command", kWaypoint},
                      {"doJumpId", i + 1},
-                     {"frame", route.frame},
+                     {"frame", route.frames[i]},
                      {"Altitude", height_m},
-                     {"AltitudeMode", route.frame == kSeaLevelFrame  ? 2
-                                      : route.frame == kTakeoffFrame ? 1
-                                                                     : 4},
+                     {"AltitudeMode", route.frames[i] == kSeaLevelFrame  ? 2
+                                      : route.frames[i] == kTakeoffFrame ? 1
+                                                                         : 4},
                      {"AMSLAltAboveTerrain", nullptr},
                      {"params", {0, 0, 0, nullptr, at.lat_deg, at.lon_deg, height_m}}});
   }
@@ -562,7 +572,7 @@ std::string mission_as_waypoints(const Mission& mission) {
   };
   row(0, kSeaLevelFrame, mission.takeoff, mission.terrain.height_m);
   for (std::size_t i = 0; i < mission.route.points.size(); ++i) {
-    row(i + 1, route.frame, mission.route.points[i], route.heights_m[i]);
+    row(i + 1, route.frames[i], mission.route.points[i], route.heights_m[i]);
   }
   return text;
 }

@@ -2,9 +2,10 @@
 //
 // An item is a MAV_CMD with a MAV_FRAME. Commands that fly to a place (waypoint, take-off, landing, loiter, spline)
 // make the route; others, such as camera triggers, are counted and left out. Frames: 0 and 5 above sea level, 3 and 6
-// above the take-off point, 10 and 11 above ground; a place in any other frame, and a route that mixes them, are
-// refused by name. A survey or a corridor scan is flown along its transects, and its polygon is a sector. Geofences
-// that exclude are no-fly areas; those that include, rally points and jumps are left out, by name.
+// above the take-off point, 10 and 11 above ground; a place in any other frame is refused by name. They may be mixed,
+// as by a survey above ground that ends with a landing: each point keeps its own. A survey or a corridor scan is flown
+// along its transects, and its polygon is a sector. Geofences that exclude are no-fly areas; those that include, rally
+// points and jumps are left out, by name.
 //
 // Sources: QGroundControl's "Plan File Format" (developer guide), MAVLink's "File Formats", ArduPilot's fence commands
 // 5001 to 5004.

@@ -82,13 +82,16 @@ void take_route(const DrawnLine& line, const MissionImportOptions& options, bool
   Route& route = mission.route;
   route.points.clear();
   std::vector<double> heights;
+  std::vector<HeightFrame> frames;
   for (std::size_t i = 0; i < line.points.size(); ++i) {
     if (!route.points.empty() && line.points[i] == route.points.back()) {
       if (!heights.empty()) heights.back() = line.heights_m[i];
+      if (!frames.empty()) frames.back() = line.frames[i];
       continue;
     }
     route.points.push_back(line.points[i]);
     if (!line.heights_m.empty()) heights.push_back(line.heights_m[i]);
+    if (!line.frames.empty()) frames.push_back(line.frames[i]);
   }
   if (route.points.size() < 2) {
     throw UsageError({.what = "the route has too few points",
@@ -97,6 +100,7 @@ void take_route(const DrawnLine& line, const MissionImportOptions& options, bool
                       .found = count(route.points.size(), "point")});
   }
   route.heights_m.clear();
+  route.height_frames.clear();
   const auto frame = line.frame ? line.frame : options.height_frame;
   if (heights.empty()) return;
   if (!frame) {
@@ -112,9 +116,12 @@ void take_route(const DrawnLine& line, const MissionImportOptions& options, bool
   }
   // The exporter writes a route without heights at agl_m, where the format needs heights.
   const bool level = std::all_of(heights.begin(), heights.end(), [&](double m) { return m == route.agl_m; });
-  if (level_before && level && *frame != HeightFrame::above_sea_level) return;
-  route.height_frame = *frame;
+  if (level_before && level && frames.empty() && *frame != HeightFrame::above_sea_level) return;
+  route.height_frame = frames.empty() ? *frame : frames.front();
   route.heights_m = std::move(heights);
+  const bool mixed =
+      std::any_of(frames.begin(), frames.end(), [&](HeightFrame one) { return one != route.height_frame; });
+  if (mixed) route.height_frames = std::move(frames);
 }
 
 // A route's typical height above the ground, where the ground's height is known well enough.
@@ -237,6 +244,7 @@ ImportedMission mission_from_drawing(const MissionDrawing& drawing, const Missio
   } else if (drawing.holds_areas) {
     mission.route.points.clear();
     mission.route.heights_m.clear();
+    mission.route.height_frames.clear();
     if (!has_base && !drawing.takeoff)
       mission.takeoff =
           drawing.areas.front().polygon.empty() ? drawing.areas.front().centre : drawing.areas.front().polygon.front();

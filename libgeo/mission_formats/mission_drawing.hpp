@@ -6,8 +6,8 @@
 // file marks for review. Geometry always comes from the file's own geometry, also when the file carries a mission:
 // what was moved in the other program stays moved.
 //
-// Heights are counted from the ground, from the take-off point or from sea level. A frame is kept, never converted; a
-// route that mixes frames, or uses another one, is refused by name.
+// Heights are counted from the ground, from the take-off point or from sea level. A frame is kept, never converted: a
+// route that mixes them, as missions with a landing do, keeps one for each point. Other frames are refused by name.
 #pragma once
 
 #include <filesystem>
@@ -24,8 +24,9 @@ namespace nadir {
 struct DrawnLine {
   std::string name;
   std::vector<LonLat> points;
-  std::vector<double> heights_m;     // one for each point, or none
-  std::optional<HeightFrame> frame;  // of the heights; none where the file does not say
+  std::vector<double> heights_m;      // one for each point, or none
+  std::optional<HeightFrame> frame;   // of the heights; none where the file does not say
+  std::vector<HeightFrame> frames{};  // one for each height where they differ; otherwise none
 };
 
 enum class AreaKind { unstated, sector, no_fly };

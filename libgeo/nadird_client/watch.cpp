@@ -67,6 +67,12 @@ std::string anchors_of(const WatchedStatus& status) {
   return fmt::format("{} accepted, {} rejected{}", status.anchors_accepted, status.anchors_rejected, failed);
 }
 
+std::string height_of(const WatchedStatus& status) {
+  constexpr double kMetresPerFoot = 0.3048;
+  if (!status.agl_m) return known(status.agl_m, "");
+  return fmt::format("{:.0f} m ({:.0f} ft) above ground", *status.agl_m, *status.agl_m / kMetresPerFoot);
+}
+
 std::string link_of(const WatchedStatus& status) {
   const bool silent = status.link_age_s && *status.link_age_s > kSilent_s;
   return fmt::format("{}, {}, {} fixes sent, {} frames rejected{}",
@@ -98,9 +104,8 @@ std::vector<std::string> status_screen(const WatchedStatus& status, bool colour)
       {"", row("position", position_of(status)), row("sigma", known(status.sigma_m, "{:.1f} m")),
        row("protection", protection_of(status)), row("anchor age", known(status.anchor_age_s, "{:.1f} s", "none yet")),
        row("speed", known(status.speed_mps, "{:.1f} m/s")), row("heading", known(status.heading_deg, "{:03.0f}°")),
-       row("height", known(status.agl_m, "{:.0f} m above ground")), "", row("frames", frames_of(status)),
-       row("anchors", anchors_of(status)), row("autopilot", link_of(status)),
-       row("GPS", with_reason(status.gps, status.gps_reason)),
+       row("height", height_of(status)), "", row("frames", frames_of(status)), row("anchors", anchors_of(status)),
+       row("autopilot", link_of(status)), row("GPS", with_reason(status.gps, status.gps_reason)),
        row("recorder", with_reason(status.recorder, status.recorder_reason))});
   if (status.corrupt_tiles > 0)
     lines.push_back(

@@ -238,8 +238,7 @@ RoutePrediction predict_route(const Mission& mission, const TileSource& tiles, s
   const LocalFrame frame = mission_frame(mission);
   const GroundHeights ground(mission, terrain);
   RoutePrediction prediction;
-  prediction.terrain_known = terrain != nullptr || mission.terrain.flat ||
-                             mission.route.height_frame == HeightFrame::above_ground || mission.route.heights_m.empty();
+  prediction.terrain_known = terrain != nullptr || mission.terrain.flat || mission.route.all_above_ground();
   prediction.alert_limit_m = mission.integrity.alert_limit_m;
   prediction.spacing_m = options.spacing_m.value_or(
       std::max(kLeastSpacing_m, (1 - kFrameOverlap) * options.camera.height / options.camera.fy * mission.route.agl_m));

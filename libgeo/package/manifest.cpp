@@ -20,6 +20,7 @@ using nlohmann::json;
 constexpr std::size_t kMaxArtifacts = 1000;
 constexpr std::uint64_t kMaxInteger = std::uint64_t{1} << 53;  // every JSON reader keeps these exact
 constexpr JsonLength kTextLength{1, 64};
+constexpr JsonLength kAttributionLength{1, kMaxAttribution};
 constexpr std::string_view kNotePrefix = "x-";
 
 bool is_path_character(char c) {
@@ -69,6 +70,19 @@ TileSetFacts read_tile_set(const JsonReader& in) {
   return facts;
 }
 
+VectorFacts read_vectors(const JsonReader& in) {
+  VectorFacts facts;
+  facts.attribution = in.text("attribution", kAttributionLength);
+  facts.licence = in.text("licence", kTextLength);
+  facts.source_sha256 = in.digest("source_sha256");
+  facts.roads = in.integer<std::uint64_t>("roads", 0, kMaxInteger);
+  facts.water = in.integer<std::uint64_t>("water", 0, kMaxInteger);
+  facts.woods = in.integer<std::uint64_t>("woods", 0, kMaxInteger);
+  facts.buildings = in.integer<std::uint64_t>("buildings", 0, kMaxInteger);
+  in.finish(kNotePrefix);
+  return facts;
+}
+
 Artifact read_artifact(const JsonReader& in) {
   Artifact artifact;
   artifact.path = in.text("path", {1, 4096});
@@ -76,6 +90,7 @@ Artifact read_artifact(const JsonReader& in) {
   artifact.size = in.integer<std::uint64_t>("size", 0, kMaxInteger);
   artifact.sha256 = in.digest("sha256");
   if (const auto tiles = in.optional_object("tiles")) artifact.tiles = read_tile_set(*tiles);
+  if (const auto vectors = in.optional_object("vectors")) artifact.vectors = read_vectors(*vectors);
   in.finish(kNotePrefix);
   return artifact;
 }
@@ -185,6 +200,16 @@ json to_json(const Artifact& artifact) {
                        {"zoom_min", artifact.tiles->zoom.min},
                        {"zoom_max", artifact.tiles->zoom.max},
                        {"format", artifact.tiles->format}};
+  }
+  if (artifact.vectors) {
+    const VectorFacts& vectors = *artifact.vectors;
+    object["vectors"] = {{"attribution", vectors.attribution},
+                         {"licence", vectors.licence},
+                         {"source_sha256", vectors.source_sha256.hex()},
+                         {"roads", vectors.roads},
+                         {"water", vectors.water},
+                         {"woods", vectors.woods},
+                         {"buildings", vectors.buildings}};
   }
   return object;
 }

@@ -34,6 +34,7 @@ inline constexpr std::string_view kCogFile = "imagery/base.tif";
 inline constexpr std::string_view kSidecarFile = "imagery/sidecars.sqlite";  // beside a COG
 inline constexpr std::string_view kTerrainFile = "terrain/dem.tif";
 inline constexpr std::string_view kMatchabilityFile = "matchability/matchability.tif";
+inline constexpr std::string_view kVectorsFile = "vectors/vectors.geojson";
 
 // Roles of artifacts.
 inline constexpr std::string_view kRoleImagery = "imagery";
@@ -41,6 +42,7 @@ inline constexpr std::string_view kRoleSidecars = "sidecars";  // with a COG
 inline constexpr std::string_view kRoleMission = "mission";
 inline constexpr std::string_view kRoleTerrain = "terrain";
 inline constexpr std::string_view kRoleMatchability = "matchability";
+inline constexpr std::string_view kRoleVectors = "vectors";
 
 // What is wrong with the name of a file inside a package; nullopt when nothing is. Names come from a signed document
 // and are checked all the same: a name must mean the same file on every file system and must never lead out of the
@@ -56,12 +58,25 @@ struct TileSetFacts {
   std::string format;  // "jpeg", "png", "webp"
 };
 
+inline constexpr std::size_t kMaxAttribution = 200;  // bytes
+
+// Where vectors come from, and what their licence asks to be shown (package/vector_layer.hpp).
+struct VectorFacts {
+  std::string attribution;
+  std::string licence;   // an SPDX identifier: "ODbL-1.0"
+  Sha256 source_sha256;  // of the file that they were cut from
+  std::uint64_t roads = 0, water = 0, woods = 0, buildings = 0;
+
+  bool operator==(const VectorFacts&) const = default;
+};
+
 struct Artifact {
   std::string path;  // relative, '/' between the parts
   std::string role;
   std::uint64_t size = 0;
   Sha256 sha256;
   std::optional<TileSetFacts> tiles;
+  std::optional<VectorFacts> vectors{};
 };
 
 struct Manifest {

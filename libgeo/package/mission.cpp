@@ -215,13 +215,38 @@ void read_sectors(const YamlNode& list, const std::optional<LonLat>& takeoff, Pa
 
 constexpr std::array kHeightFrames{HeightFrame::above_ground, HeightFrame::above_takeoff, HeightFrame::above_sea_level};
 
-void read_heights(const YamlNode& node, Route& route) {
-  node.allow_only({"frame", "m"});
-  const YamlNode frame = node.required("frame");
+HeightFrame read_frame(const YamlNode& node) {
   const auto* found = std::find_if(kHeightFrames.begin(), kHeightFrames.end(),
-                                   [&](HeightFrame one) { return name_of(one) == frame.text(); });
-  if (found == kHeightFrames.end()) frame.reject("\"above_ground\", \"above_takeoff\" or \"above_sea_level\"");
-  route.height_frame = *found;
+                                   [&](HeightFrame one) { return name_of(one) == node.text(); });
+  if (found == kHeightFrames.end()) node.reject("\"above_ground\", \"above_takeoff\" or \"above_sea_level\"");
+  return *found;
+}
+
+void read_frames(const YamlNode& list, Route& route) {
+  const auto frames = list.items();
+  if (frames.size() != route.points.size()) {
+    refuse(list, fmt::format("one frame for each of the {} points", route.points.size()),
+           fmt::format("{} frames", frames.size()));
+  }
+  for (const YamlNode& node : frames) route.height_frames.push_back(read_frame(node));
+  if (route.height_frames.empty()) return;
+  // Of one kind: the same mission as with "frame".
+  route.height_frame = route.height_frames.front();
+  const bool same = std::all_of(route.height_frames.begin(), route.height_frames.end(),
+                                [&](HeightFrame one) { return one == route.height_frame; });
+  if (same) route.height_frames.clear();
+}
+
+void read_heights(const YamlNode& node, Route& route) {
+  node.allow_only({"frame", "frames", "m"});
+  const auto frames = node.optional("frames");
+  if (!frames) {
+    route.height_frame = read_frame(node.required("frame"));
+  } else if (node.optional("frame")) {
+    frames->reject("one frame for all heights (\"frame\"), or one for each (\"frames\"), not both");
+  } else {
+    read_frames(*frames, route);
+  }
   const YamlNode list = node.required("m");
   const auto heights = list.items();
   if (heights.size() != route.points.size()) {
@@ -390,6 +415,17 @@ std::string_view name_of(HeightFrame frame) {
   return "above_ground";
 }
 
+std::string height_frames_of(const Route& route) {
+  std::string text;
+  for (const HeightFrame frame : kHeightFrames) {
+    const bool there = route.height_frames.empty() ? frame == route.height_frame
+                                                   : std::find(route.height_frames.begin(), route.height_frames.end(),
+                                                               frame) != route.height_frames.end();
+    if (there) text += (text.empty() ? "" : " and ") + std::string(name_of(frame));
+  }
+  return text;
+}
+
 std::string_view name_of(SectorClass cls) { return cls == SectorClass::stable ? "stable" : "active"; }
 
 bool Mission::allows(std::string_view airframe) const {
@@ -448,7 +484,7 @@ double height_above_ground_m(const Mission& mission, std::size_t point, double g
   const Route& route = mission.route;
   if (route.heights_m.empty()) return route.agl_m;
   const double height_m = route.heights_m.at(point);
-  switch (route.height_frame) {
+  switch (route.frame_at(point)) {
     case HeightFrame::above_ground: return height_m;
     case HeightFrame::above_takeoff: return height_m + takeoff_ground_m - ground_m;
     case HeightFrame::above_sea_level: return height_m - ground_m;

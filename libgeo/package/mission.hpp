@@ -46,16 +46,25 @@ struct FreshnessDays {
 // What the heights of a route are counted from.
 enum class HeightFrame { above_ground, above_takeoff, above_sea_level };
 std::string_view name_of(HeightFrame frame);
-
 struct Route {
   double corridor_half_width_m = 0;
   double agl_m = 0;            // planned height above ground, where heights_m says nothing else
   std::vector<LonLat> points;  // none: an area alone
   HeightFrame height_frame = HeightFrame::above_ground;
   std::vector<double> heights_m;  // one for each point, or none
+  // One for each point where they differ; otherwise none. Between two points of different ones the height above ground
+  // goes linearly from one to the other, each over the ground of the place.
+  std::vector<HeightFrame> height_frames{};
+
+  HeightFrame frame_at(std::size_t point) const { return height_frames.empty() ? height_frame : height_frames[point]; }
+  // Every height, and the planned one without heights, is counted from the ground.
+  bool all_above_ground() const {
+    return heights_m.empty() || (height_frames.empty() && height_frame == HeightFrame::above_ground);
+  }
 
   bool operator==(const Route&) const = default;
 };
+std::string height_frames_of(const Route& route);  // for people: "above_takeoff", "above_takeoff and above_sea_level"
 
 // Where the aircraft must not be. The map does not need it; people who plan do.
 struct NoFlyArea {

@@ -159,8 +159,8 @@ Findings check_plausibility(const Mission& mission) {
   Findings findings;
   const Route& route = mission.route;
   double highest_m = route.agl_m;
-  if (route.height_frame != HeightFrame::above_sea_level) {
-    for (const double height_m : route.heights_m) highest_m = std::max(highest_m, height_m);
+  for (std::size_t i = 0; i < route.heights_m.size(); ++i) {
+    if (route.frame_at(i) != HeightFrame::above_sea_level) highest_m = std::max(highest_m, route.heights_m[i]);
   }
   if (highest_m >= kUsualCeiling_m) {
     findings.add({.code = "mission.height",

@@ -69,9 +69,11 @@ std::string mission_yaml(const Mission& mission, const std::set<std::string>& to
   text.line(2, "agl_m", number(mission.route.agl_m));
   text.line(2, "points", points_text(mission.route.points, false));
   if (!mission.route.heights_m.empty()) {
-    text.line(2, "heights",
-              fmt::format("{{frame: {}, m: [{}]}}", name_of(mission.route.height_frame),
-                          fmt::join(mission.route.heights_m, ", ")));
+    std::vector<std::string_view> frames;
+    for (const HeightFrame frame : mission.route.height_frames) frames.push_back(name_of(frame));
+    const std::string frame = frames.empty() ? fmt::format("frame: {}", name_of(mission.route.height_frame))
+                                             : fmt::format("frames: [{}]", fmt::join(frames, ", "));
+    text.line(2, "heights", fmt::format("{{{}, m: [{}]}}", frame, fmt::join(mission.route.heights_m, ", ")));
   }
   if (!mission.no_fly.empty()) text.heading("no_fly");
   for (const NoFlyArea& area : mission.no_fly) {

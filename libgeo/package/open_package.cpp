@@ -5,6 +5,7 @@
 #include "base/error.hpp"
 #include "package/mission_check.hpp"
 #include "package/tile_container.hpp"
+#include "package/vector_layer.hpp"
 
 namespace nadir {
 namespace {
@@ -79,6 +80,18 @@ OpenPackage::OpenPackage(Verification accepted, std::optional<MatchabilityRaster
 
 std::unique_ptr<CheckedTiles> OpenPackage::another_imagery_reader() const {
   return std::make_unique<CheckedTiles>(imagery_file_->duplicate(), imagery_.sidecars());
+}
+
+std::optional<Bytes> OpenPackage::read_vectors() const {
+  const Artifact* artifact = manifest_.artifact(kRoleVectors);
+  if (artifact == nullptr || artifact->size > kMaxVectors_bytes) return std::nullopt;
+  try {
+    Bytes bytes = folder_->open(artifact->path).read(artifact->size);
+    if (sha256(bytes) == artifact->sha256) return bytes;
+  } catch (const Error&) {
+    return std::nullopt;  // the medium fails: the map is shown without them
+  }
+  return std::nullopt;
 }
 
 namespace {

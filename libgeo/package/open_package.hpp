@@ -53,6 +53,9 @@ class OpenPackage {
   // The same tiles for another reader, who needs findings of his own.
   std::unique_ptr<CheckedTiles> another_imagery_reader() const;
   const TerrainRaster* terrain() const { return terrain_ ? &*terrain_ : nullptr; }  // null: flat ground
+  // The bytes of vectors/vectors.geojson, for pages: read when they are asked for, and compared with the signed digest.
+  // Nothing: the package has none, or no longer the signed ones.
+  std::optional<Bytes> read_vectors() const;
   // Null: the package has none, or it cannot be read ("matchability.corrupt").
   const MatchabilityRaster* matchability() const { return matchability_ ? &*matchability_ : nullptr; }
 

@@ -68,6 +68,10 @@ void complete_package(const fs::path& folder, const PackageParts& parts, Progres
     fs::create_directories(folder / fs::path(kTerrainFile).parent_path());
     write_terrain(*parts.terrain, folder / kTerrainFile);
   }
+  if (parts.vectors != nullptr) {
+    fs::create_directories(folder / fs::path(kVectorsFile).parent_path());
+    write_file_atomic(folder / kVectorsFile, parts.vectors->text);
+  }
   add_package_roots(folder, parts.roots);
   progress.advance();
 
@@ -78,6 +82,10 @@ void complete_package(const fs::path& folder, const PackageParts& parts, Progres
   if (cog) manifest.artifacts.push_back(describe_file(folder, kSidecarFile, kRoleSidecars));
   manifest.artifacts.push_back(describe_file(folder, kMissionFile, kRoleMission));
   if (parts.terrain) manifest.artifacts.push_back(describe_file(folder, kTerrainFile, kRoleTerrain));
+  if (parts.vectors != nullptr) {
+    manifest.artifacts.push_back(describe_file(folder, kVectorsFile, kRoleVectors));
+    manifest.artifacts.back().vectors = parts.vectors->facts;
+  }
   if (parts.index != nullptr) {
     for (Artifact& artifact : write_place_index(folder, *parts.index))
       manifest.artifacts.push_back(std::move(artifact));
@@ -126,6 +134,11 @@ std::string describe_build(const PackageRequest& request, std::string_view missi
   }
   text += fmt::format("seams: feather {} m\n", request.tiles.mosaic.feather_m);
   text += fmt::format("dem: {}\n", request.dem ? "sha256 " + digest_of(*request.dem) : "none");
+  if (const auto& vectors = request.vectors) {
+    const VectorOrigin origin = origin_of(*vectors);
+    text += fmt::format("vectors: sha256 {}, attribution {}, licence {}\n", sha256_file(vectors->file).hex(),
+                        origin.attribution, origin.licence);
+  }
   text += fmt::format("tiles: {}, quality {}{}, in {}\n", name_of(request.tiles.encoding.format),
                       request.tiles.encoding.quality, request.tiles.encoding.lossless ? ", lossless" : "",
                       file_of(request.tiles.container));
@@ -158,6 +171,7 @@ struct Plan {
   const std::vector<ImageryInput>& inputs;
   const TileRange& range;
   const std::optional<TerrainRaster>& terrain;
+  const std::optional<PackageVectors>& vectors;
   UtcTime at;
 };
 
@@ -179,7 +193,7 @@ void report_leftovers(const StagingDirectory& staging, const PackageRequest& req
 // Writes the whole package; adds its findings. Without errors the folder is complete except for the journal in it.
 void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journal, Progress& progress,
                   PackageReport& report) {
-  const auto& [request, mission, mission_text, inputs, range, terrain, at] = plan;
+  const auto& [request, mission, mission_text, inputs, range, terrain, vectors, at] = plan;
   const fs::path tiles = folder / file_of(request.tiles.container);
   fs::create_directories(tiles.parent_path());
   const TileSet set = build_tile_set(mission, inputs, range, request.tiles, tiles, journal, progress);
@@ -188,7 +202,16 @@ void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journa
     return;
   }
   progress.begin("completing the package", 3, "steps");
-  complete_package(folder, {mission, mission_text, set.facts, terrain, request.roots, request.key}, progress);
+  complete_package(folder,
+                   {.mission = mission,
+                    .mission_text = mission_text,
+                    .tiles = set.facts,
+                    .terrain = terrain,
+                    .roots = request.roots,
+                    .key = request.key,
+                    .vectors = vectors ? &*vectors : nullptr},
+                   progress);
+  if (vectors) report.vectors = vectors->facts;
   if (terrain) report.terrain = terrain->grid();
   report.resumed = set.resumed;
   report.tiles = set.facts.count;
@@ -217,6 +240,9 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
   if (request.now) report.findings.add(check_expiry(mission, *request.now, Severity::warning));
   const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, request.dem, report.findings);
   if (report.findings.has_errors()) return report;
+  std::optional<PackageVectors> vectors;
+  Findings of_vectors;
+  if (request.vectors) vectors = cut_vectors(*request.vectors, mission, of_vectors);
 
   const std::string configuration = describe_build(request, mission_text, inputs);
   StagingDirectory staging(request.out,
@@ -228,8 +254,9 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
     BuildJournal journal(staging.path() / kJournalFile, configuration);
     remove_all_but_journal(staging.path());
     staging.keep(false);
-    fill_package(staging.path(), {request, mission, mission_text, inputs, range, terrain, at}, journal, progress,
-                 report);
+    fill_package(staging.path(), {request, mission, mission_text, inputs, range, terrain, vectors, at}, journal,
+                 progress, report);
+    report.findings.add(of_vectors);
     if (report.findings.has_errors()) {
       progress.end();
       return report;

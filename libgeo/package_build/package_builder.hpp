@@ -19,6 +19,7 @@
 #include "package/manifest.hpp"
 #include "package/package_roots.hpp"
 #include "package_build/tile_set_builder.hpp"
+#include "package_build/vector_source.hpp"
 #include "raster/imagery_input.hpp"
 #include "trust/keys.hpp"
 
@@ -32,6 +33,7 @@ struct PackageRequest {
   ImageryOverrides overrides;
   std::vector<StretchRequest> stretches;     // none, one for all, or one for each
   std::optional<std::filesystem::path> dem;  // with terrain mode dem, and only then
+  std::optional<VectorRequest> vectors;      // roads, water, woods and buildings, for people and for matchability
   TileSetOptions tiles;
   const PrivateKey* key = nullptr;  // null: unsigned
   RootChain roots;                  // newer roots of trust that travel with the package
@@ -50,6 +52,7 @@ struct PackageReport {
   std::uint64_t bytes = 0;    // of the whole package
   ZoomRange zoom;
   std::optional<TerrainGrid> terrain;
+  std::optional<VectorFacts> vectors;
   Sha256 merkle_root;
 };
 
@@ -78,6 +81,7 @@ struct PackageParts {
   const RootChain& roots;
   const PrivateKey* key = nullptr;  // null: unsigned
   const PlaceIndex* index = nullptr;
+  const PackageVectors* vectors = nullptr;
 };
 
 // Writes mission, terrain, place index, roots, manifest and, last, the signature: two steps of progress.

@@ -14,6 +14,7 @@
 #include "package/mission_check.hpp"
 #include "package/package_roots.hpp"
 #include "package/tile_container.hpp"
+#include "package/vector_layer.hpp"
 #include "package/verify.hpp"
 #include "vision/place_index.hpp"
 #include "vision/place_index_builder.hpp"
@@ -102,6 +103,21 @@ std::optional<fs::path> old_terrain(const fs::path& package, const Manifest& man
   return std::nullopt;
 }
 
+// The vectors of the old package as they are, compared with their signed digest; none when it has none. Adds
+// artifact.hash.
+std::optional<PackageVectors> old_vectors(const fs::path& package, const Manifest& manifest, Findings& findings) {
+  const Artifact* artifact = manifest.artifact(kRoleVectors);
+  if (artifact == nullptr || !artifact->vectors) return std::nullopt;
+  const Bytes bytes = read_file(package / artifact->path, kMaxVectors_bytes);
+  if (sha256(bytes) == artifact->sha256) return PackageVectors{std::string(as_text(bytes)), *artifact->vectors};
+  findings.add({.code = "artifact.hash",
+                .where = fmt::format("{}: {}", package.string(), artifact->path),
+                .expected = artifact->sha256.hex(),
+                .found = "different bytes",
+                .fix = "get the package again from its source, or pass a file with --vectors"});
+  return std::nullopt;
+}
+
 // How the old place index was made. Throws UsageError when there is none, Error when its bytes are not the signed ones.
 PlaceTable previous_place_table(const fs::path& package, const Manifest& manifest) {
   if (const std::optional<PlaceIndex> index = PlaceIndex::open(Directory(package), manifest)) return index->table();
@@ -163,8 +179,8 @@ void report_dropped_artifacts(const UpdateRequest& request, const OldPackage& ol
         "afterwards with `nadir cache index`");
   }
   for (const Artifact& artifact : old.manifest->artifacts) {
-    constexpr std::array kKnown{kRoleImagery, kRoleSidecars,   kRoleMission,
-                                kRoleTerrain, kRolePlaceIndex, kRolePlaceTable};
+    constexpr std::array kKnown{kRoleImagery, kRoleSidecars,   kRoleMission,   kRoleTerrain,
+                                kRoleVectors, kRolePlaceIndex, kRolePlaceTable};
     if (std::find(kKnown.begin(), kKnown.end(), artifact.role) != kKnown.end()) continue;
     request.on_remark(fmt::format("{} is not carried over: it must be made again for the new tiles", artifact.path));
   }
@@ -232,6 +248,9 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   const std::vector<ImageryInput> rasters = open_imagery(request.imagery, request.overrides, request.stretches);
   const RootChain roots = read_root_chain(request.roots, at, old.roots, request.trust);
   const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, dem, findings);
+  const std::optional<PackageVectors> vectors = request.vectors
+                                                    ? cut_vectors(*request.vectors, mission, findings)
+                                                    : old_vectors(request.old_package, *old.manifest, findings);
   if (findings.has_errors()) return report;
   report_dropped_artifacts(request, old, newest_of(roots, old.newest_root));
 
@@ -252,13 +271,21 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   }
   progress.begin("completing the package", 3, "steps");
   complete_package(folder,
-                   {mission, mission_text, updated.set.facts, terrain, roots, request.key, index ? &*index : nullptr},
+                   {.mission = mission,
+                    .mission_text = mission_text,
+                    .tiles = updated.set.facts,
+                    .terrain = terrain,
+                    .roots = roots,
+                    .key = request.key,
+                    .index = index ? &*index : nullptr,
+                    .vectors = vectors ? &*vectors : nullptr},
                    progress);
   report.counts = updated.counts;
   report.package.tiles = updated.set.facts.count;
   report.package.merkle_root = updated.set.facts.merkle_root;
   report.package.bytes = package_size(folder);
   if (terrain) report.package.terrain = terrain->grid();
+  if (vectors) report.package.vectors = vectors->facts;
   findings.add(check_tile_requirements(mission, updated.set.sidecars, report.package.bytes, at));
   if (!findings.has_errors()) {
     progress.advance();  // the last point of interruption

@@ -18,6 +18,7 @@ struct UpdateRequest {
   ImageryOverrides overrides;
   std::vector<StretchRequest> stretches;     // none, one for all, or one for each
   std::optional<std::filesystem::path> dem;  // instead of the old package's terrain
+  std::optional<VectorRequest> vectors;      // instead of the old package's vectors
   TileSetOptions tiles;                      // container and format are taken from the old package
   std::optional<TileSetKind> container;      // instead of the old package's
   bool index = false;                        // rebuild the old package's place index for the new tiles

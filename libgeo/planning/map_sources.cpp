@@ -24,6 +24,8 @@ namespace fs = std::filesystem;
 constexpr std::size_t kMostFiles = 500;  // of a kind that are listed
 constexpr std::array<std::string_view, 6> kRasterEndings{".tif", ".tiff", ".vrt", ".jp2", ".img", ".hgt"};
 constexpr std::array<std::string_view, 2> kCameraEndings{".yaml", ".yml"};
+constexpr std::array<std::string_view, 7> kVectorEndings{".pbf",      ".osm", ".gpkg", ".geojson",
+                                                         ".geojsonl", ".fgb", ".shp"};
 constexpr std::string_view kPrivateEnding = ".key.pem", kPublicEnding = ".pub.pem";
 
 using Named = std::pair<std::string, fs::path>;
@@ -151,6 +153,20 @@ std::vector<NamedSource> MapSources::cameras() const {
   return sources;
 }
 
+std::vector<NamedSource> MapSources::vectors() const {
+  std::vector<NamedSource> sources;
+  for (const auto& [name, path] : named_files(options_.vectors, kVectorEndings)) {
+    const std::string ending = path.extension().string();
+    const bool stated = options_.vectors_attribution && options_.vectors_licence;
+    const bool known = stated || ending == ".pbf" || ending == ".osm";
+    sources.push_back({name, path,
+                       known ? ""
+                             : "whose data this is, and under which licence, is not known; start the desk with "
+                               "--vectors-attribution and --vectors-licence"});
+  }
+  return sources;
+}
+
 // The private keys stay closed: who they are says the public key beside each.
 std::vector<KeySource> MapSources::keys() const {
   std::optional<TrustRoot> root;
@@ -186,6 +202,9 @@ std::optional<fs::path> MapSources::elevation_file(std::string_view name) const 
 }
 std::optional<fs::path> MapSources::camera_file(std::string_view name) const {
   return file_named(named_files(options_.cameras, kCameraEndings), name);
+}
+std::optional<fs::path> MapSources::vectors_file(std::string_view name) const {
+  return file_named(named_files(options_.vectors, kVectorEndings), name);
 }
 std::optional<fs::path> MapSources::key_file(std::string_view name) const {
   for (const fs::path& path : options_.keys) {

@@ -19,7 +19,9 @@ namespace nadir {
 
 struct MapSourceOptions {
   // Files, or folders whose files are taken. What does not exist is left out of a listing.
-  std::vector<std::filesystem::path> imagery, elevation, cameras;
+  std::vector<std::filesystem::path> imagery, elevation, cameras, vectors;
+  // Of all vectors that are not OpenStreetMap's own files, which state theirs (package_build/vector_source.hpp).
+  std::optional<std::string> vectors_attribution, vectors_licence;
   std::vector<std::filesystem::path> keys;     // private keys: only the commands that sign read them
   std::optional<std::filesystem::path> trust;  // root that aircraft hold
 };
@@ -59,12 +61,15 @@ class MapSources {
   std::vector<ImagerySource> imagery() const;
   std::vector<NamedSource> elevation() const;
   std::vector<NamedSource> cameras() const;
-  std::vector<KeySource> keys() const;  // as of `now`
+  std::vector<NamedSource> vectors() const;  // roads, water, woods and buildings
+  std::vector<KeySource> keys() const;       // as of `now`
   const std::optional<std::filesystem::path>& trust() const { return options_.trust; }
 
   std::optional<std::filesystem::path> imagery_file(std::string_view name) const;
   std::optional<std::filesystem::path> elevation_file(std::string_view name) const;
   std::optional<std::filesystem::path> camera_file(std::string_view name) const;
+  std::optional<std::filesystem::path> vectors_file(std::string_view name) const;
+  const MapSourceOptions& options() const { return options_; }
   std::optional<std::filesystem::path> key_file(std::string_view name) const;
 
   // The raster as map tiles, straight from the file; null where there is none of this name, or it cannot be read.

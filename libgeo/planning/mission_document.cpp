@@ -37,7 +37,10 @@ json route_json(const Route& route) {
   json document = {{"corridor_half_width_m", route.corridor_half_width_m},
                    {"agl_m", route.agl_m},
                    {"points", points_json(route.points, false)}};
-  if (!route.heights_m.empty()) document["heights"] = {{"frame", name_of(route.height_frame)}, {"m", route.heights_m}};
+  if (route.heights_m.empty()) return document;
+  json& heights = document["heights"] = {{"m", route.heights_m}};
+  if (route.height_frames.empty()) heights["frame"] = name_of(route.height_frame);
+  for (const HeightFrame frame : route.height_frames) heights["frames"].push_back(name_of(frame));
   return document;
 }
 

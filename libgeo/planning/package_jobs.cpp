@@ -141,6 +141,10 @@ std::vector<std::string> command_of(const PackagePlan& plan, PackageStep step, c
       words = {"cache", "build", "--mission", mission};
       add_tiles(words, plan);
       add(words, "--dem", plan.elevation);
+      add(words, "--vectors", plan.vectors);
+      if (plan.vectors && plan.vectors_attribution)
+        words.insert(words.end(), {"--vectors-attribution", *plan.vectors_attribution});
+      if (plan.vectors && plan.vectors_licence) words.insert(words.end(), {"--vectors-licence", *plan.vectors_licence});
       words.insert(words.end(), {"--format", plan.container});
       add(words, "--out", plan.package);
       if (now.interrupted_build) words.emplace_back("--resume");

@@ -36,7 +36,8 @@ struct PackagePlan {
   std::filesystem::path package;  // folder
   std::filesystem::path report;   // folder for what steps write besides: prediction.geojson
   std::vector<std::filesystem::path> imagery;
-  std::optional<std::filesystem::path> elevation, camera, key, trust;
+  std::optional<std::filesystem::path> elevation, camera, key, trust, vectors;
+  std::optional<std::string> vectors_attribution, vectors_licence;  // where they do not state their own
   std::string tile_format = "jpeg";
   int quality = 75;
   std::string container = "mbtiles";

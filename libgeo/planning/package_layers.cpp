@@ -9,6 +9,7 @@
 #include "base/files.hpp"
 #include "package/mission_check.hpp"
 #include "package/tile_container.hpp"
+#include "package/vector_layer.hpp"
 #include "vision/place_index_files.hpp"
 
 namespace nadir {
@@ -78,6 +79,7 @@ bool PlannedPackage::indexed() const { return manifest.artifact(kRolePlaceIndex)
 
 PlannedPackage open_planned_package(const fs::path& folder) {
   PlannedPackage package;
+  package.folder = folder;
   ManifestReading reading = parse_manifest(read_file(folder / kManifestFile, kMaxManifestSize));
   if (!reading.manifest) {
     throw Error({.what = "cannot read the manifest", .found = reading.findings.items().front().found});
@@ -99,6 +101,14 @@ PlannedPackage open_planned_package(const fs::path& folder) {
         parse_matchability_raster(read_file(folder / kMatchabilityFile, kMaxMatchabilityFile), kMatchabilityFile);
   }
   return package;
+}
+
+std::optional<Bytes> vectors_of(const PlannedPackage& package) {
+  const Artifact* const artifact = package.manifest.artifact(kRoleVectors);
+  if (artifact == nullptr || artifact->size > kMaxVectors_bytes) return std::nullopt;
+  Bytes bytes = read_file(package.folder / artifact->path, kMaxVectors_bytes);
+  if (sha256(bytes) != artifact->sha256) return std::nullopt;
+  return bytes;
 }
 
 json tiles_geojson(const PlannedPackage& package, UtcTime at, std::size_t most) {

@@ -30,11 +30,16 @@ struct PlannedPackage {
   std::vector<Sidecar> sidecars;  // in the order of TileKey
   std::optional<MatchabilityRaster> matchability;
 
+  std::filesystem::path folder;
+
   bool indexed() const;
 };
 
 // Throws Error for a folder that is no package.
 PlannedPackage open_planned_package(const std::filesystem::path& folder);
+
+// The bytes of its vectors; nothing: it has none, or they are no longer those of its manifest.
+std::optional<Bytes> vectors_of(const PlannedPackage& package);
 
 // RFC 7946. One feature per tile of the finest zoom, or of the finest one with at most `most` tiles; of a coarser zoom
 // with the oldest date, the coarsest resolution and the worst accuracy of the finest tiles in it.

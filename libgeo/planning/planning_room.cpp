@@ -86,6 +86,7 @@ MapSourceOptions with_own_folders(MapSourceOptions sources, const fs::path& root
   sources.imagery.push_back(root / "imagery");
   sources.elevation.push_back(root / "elevation");
   sources.cameras.push_back(root / "cameras");
+  sources.vectors.push_back(root / "vectors");
   return sources;
 }
 
@@ -265,6 +266,9 @@ void PlanningRoom::start(const StoredMission& mission, const JobRequest& request
                    .camera = {},
                    .key = {},
                    .trust = {},
+                   .vectors = {},
+                   .vectors_attribution = sources_.options().vectors_attribution,
+                   .vectors_licence = sources_.options().vectors_licence,
                    .tile_format = request.tile_format,
                    .quality = request.quality,
                    .container = request.container,
@@ -279,6 +283,7 @@ void PlanningRoom::start(const StoredMission& mission, const JobRequest& request
   if (request.elevation)
     plan.elevation = named(sources_.elevation_file(*request.elevation), "elevation model", *request.elevation);
   if (request.camera) plan.camera = named(sources_.camera_file(*request.camera), "camera", *request.camera);
+  if (request.vectors) plan.vectors = named(sources_.vectors_file(*request.vectors), "vectors", *request.vectors);
   if (request.key) plan.key = named(sources_.key_file(*request.key), "key", *request.key);
   if (sources_.trust()) plan.trust = seen_from(root, *sources_.trust());
 

@@ -41,7 +41,7 @@ struct PlanningOptions {
 struct JobRequest {
   std::vector<PackageStep> steps;
   std::vector<std::string> imagery;
-  std::optional<std::string> elevation, camera, key;
+  std::optional<std::string> elevation, camera, key, vectors;
   std::string tile_format = "jpeg";
   int quality = 75;
   std::string container = "mbtiles";

@@ -8,10 +8,12 @@
 namespace nadir {
 namespace {
 
-// What the route states at a share of its leg, in its own frame.
-double stated_height_m(const Route& route, std::size_t leg, double share) {
-  if (route.heights_m.empty()) return route.agl_m;
-  return route.heights_m[leg] + share * (route.heights_m[leg + 1] - route.heights_m[leg]);
+// What a height that the route states at a point is above the ground of another place.
+std::optional<double> above_ground_m(double height_m, HeightFrame frame, const std::optional<double>& ground_m,
+                                     const std::optional<double>& takeoff_m) {
+  if (frame == HeightFrame::above_ground) return height_m;
+  if (!ground_m || (frame == HeightFrame::above_takeoff && !takeoff_m)) return std::nullopt;
+  return height_m - *ground_m + (frame == HeightFrame::above_takeoff ? *takeoff_m : 0);
 }
 
 ProfileSample sample_at(const Mission& mission, std::size_t leg, double share, const HeightOfGround& ground,
@@ -19,15 +21,23 @@ ProfileSample sample_at(const Mission& mission, std::size_t leg, double share, c
   ProfileSample sample;
   sample.place = place;
   sample.ground_m = ground(place);
-  const double stated_m = stated_height_m(mission.route, leg, share);
-  const HeightFrame frame = mission.route.heights_m.empty() ? HeightFrame::above_ground : mission.route.height_frame;
-  if (frame == HeightFrame::above_ground && sample.ground_m) sample.height_m = *sample.ground_m + stated_m;
-  if (frame == HeightFrame::above_takeoff && takeoff_m) sample.height_m = *takeoff_m + stated_m;
-  if (frame == HeightFrame::above_sea_level) sample.height_m = stated_m;
-  if (frame == HeightFrame::above_ground)
-    sample.agl_m = stated_m;
-  else if (sample.height_m && sample.ground_m)
-    sample.agl_m = *sample.height_m - *sample.ground_m;
+  const Route& route = mission.route;
+  if (route.heights_m.empty()) {
+    sample.agl_m = route.agl_m;
+  } else {
+    const auto from = above_ground_m(route.heights_m[leg], route.frame_at(leg), sample.ground_m, takeoff_m);
+    const auto to = above_ground_m(route.heights_m[leg + 1], route.frame_at(leg + 1), sample.ground_m, takeoff_m);
+    if (from && to) sample.agl_m = *from + share * (*to - *from);
+    // Above sea level even where the ground is not known.
+    const auto absolute = [&](std::size_t point) -> std::optional<double> {
+      if (route.frame_at(point) == HeightFrame::above_sea_level) return route.heights_m[point];
+      if (route.frame_at(point) == HeightFrame::above_takeoff && takeoff_m) return route.heights_m[point] + *takeoff_m;
+      return std::nullopt;
+    };
+    const auto begin_m = absolute(leg), end_m = absolute(leg + 1);
+    if (begin_m && end_m) sample.height_m = *begin_m + share * (*end_m - *begin_m);
+  }
+  if (!sample.height_m && sample.agl_m && sample.ground_m) sample.height_m = *sample.ground_m + *sample.agl_m;
   return sample;
 }
 

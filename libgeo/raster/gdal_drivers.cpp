@@ -54,8 +54,8 @@ constexpr std::array kVectorFormats{ReadableFormat{"GeoJSON", "GeoJSON"},
                                     ReadableFormat{"FlatGeobuf", "FlatGeobuf"},
                                     ReadableFormat{"GPX", "GPX"},
                                     ReadableFormat{"MapInfo File", "MapInfo"}};
-// The catalogue's own, opened by name of the driver.
-constexpr std::array kCatalogueDrivers{"SQLite", "PostgreSQL"};
+// Opened by name of the driver: the catalogue's own, and OpenStreetMap's for a package's vectors.
+constexpr std::array kNamedDrivers{"SQLite", "PostgreSQL", "OSM"};
 
 constexpr int kMaxNesting = 4;  // of VRTs in VRTs
 constexpr std::uint64_t kMaxDescription_bytes = std::uint64_t{64} << 20;
@@ -64,7 +64,7 @@ bool may_open(std::string_view driver) {
   const auto is = [driver](const ReadableFormat& format) { return driver == format.driver; };
   return std::any_of(kRasterFormats.begin(), kRasterFormats.end(), is) ||
          std::any_of(kVectorFormats.begin(), kVectorFormats.end(), is) ||
-         std::find(kCatalogueDrivers.begin(), kCatalogueDrivers.end(), driver) != kCatalogueDrivers.end();
+         std::find(kNamedDrivers.begin(), kNamedDrivers.end(), driver) != kNamedDrivers.end();
 }
 
 template <typename Formats>

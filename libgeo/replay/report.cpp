@@ -99,6 +99,36 @@ json integrity_json(const IntegrityFigures& integrity) {
             {"hazardously misleading", integrity.hazardously_misleading}}}};
 }
 
+constexpr std::size_t kMaxShownVectors = 50'000;  // what a page still loads at once
+
+// In the local plane, as the rest of the map; those that lie on it.
+json vectors_json(const VectorLayer& vectors, const ReportMap& map, const LocalFrame& frame) {
+  json features = json::array();
+  for (const MapVector& vector : vectors.features) {
+    if (features.size() == kMaxShownVectors) break;
+    json parts = json::array();
+    PlaneBox box{INFINITY, INFINITY, -INFINITY, -INFINITY};
+    for (const std::vector<LonLat>& part : vector.parts) {
+      json points = json::array();
+      for (const LonLat& place : part) {
+        const PlanePoint at = frame.plane_from_lonlat(place);
+        points.push_back({rounded(at.east_m, 10), rounded(at.north_m, 10)});
+        box = {std::min(box.west_m, at.east_m), std::min(box.south_m, at.north_m), std::max(box.east_m, at.east_m),
+               std::max(box.north_m, at.north_m)};
+      }
+      parts.push_back(std::move(points));
+    }
+    const bool beside = box.east_m < map.west_m || box.west_m > map.west_m + map.width_m || box.south_m > map.north_m ||
+                        box.north_m < map.north_m - map.height_m;
+    if (beside) continue;
+    features.push_back({{"properties", {{"class", name_of(vector.cls)}, {"kind", vector.kind}}},
+                        {"geometry",
+                         {{"type", vector.is_area ? "Polygon" : "LineString"},
+                          {"coordinates", vector.is_area ? parts : parts.front()}}}});
+  }
+  return {{"attribution", vectors.attribution}, {"licence", vectors.licence}, {"features", std::move(features)}};
+}
+
 json page_data(const ReportInput& input) {
   std::vector<Estimate> estimates;
   for (const FrameReport& report : input.frames) estimates.push_back(report.estimate);
@@ -131,6 +161,7 @@ json page_data(const ReportInput& input) {
                    {"north", map->north_m},
                    {"width", map->width_m},
                    {"height", map->height_m}};
+    if (input.vectors) data["vectors"] = vectors_json(*input.vectors, *map, input.frame);
   }
   return data;
 }

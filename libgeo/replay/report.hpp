@@ -12,6 +12,7 @@
 #include "geodesy/local_frame.hpp"
 #include "geodesy/region.hpp"
 #include "imagery/tile_source.hpp"
+#include "package/vector_layer.hpp"
 #include "replay/score.hpp"
 
 namespace nadir {
@@ -60,7 +61,8 @@ struct ReportInput {
   Figures figures;
   std::vector<FrameImages> worst;
   std::optional<ReportMap> map;
-  std::string notice{};  // above everything else: why nothing was localized; may be empty
+  std::optional<VectorLayer> vectors{};  // of the package; what lies on the map is drawn
+  std::string notice{};                  // above everything else: why nothing was localized; may be empty
 };
 
 // "data:image/jpeg;base64,…" of a CV_8UC1 or CV_8UC3 image, reduced so that no side exceeds `max_side` pixels.

@@ -18,6 +18,7 @@
 #include "geodesy/web_mercator.hpp"
 #include "simulation/geotiff_writer.hpp"
 #include "simulation/landscape_rendering.hpp"
+#include "simulation/world_vectors.hpp"
 
 namespace nadir {
 namespace {
@@ -118,6 +119,9 @@ void write_world_documents(const Landscape& land, const WorldOptions& options, c
   write_item(folder, "map", ring_at(0), "2025-05-11T10:12:00Z", options, map_ce90_m(land),
              map_bias_m(land.seed, {size / 2, size / 2}));
   write_item(folder, "ground", ring_at(0), "2025-09-18T13:40:00Z", options, 0.1, {});
+
+  write_file_atomic(folder / "vectors.geojson",
+                    world_vectors(land, [&](GroundPoint position) { return lonlat(size, position); }));
 
   std::string route, sector;
   const std::vector<GroundPoint> positions = route_over(land);

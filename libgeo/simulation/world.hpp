@@ -1,5 +1,6 @@
 // Makes a complete world on disk: ground.tif (the day of the flight), map.tif (a satellite image, months earlier),
-// dem.tif, their STAC items, and a matching mission and camera. docs/commands/simulate-world.md.
+// dem.tif, their STAC items, roads, water, woods and buildings (vectors.geojson), and a matching mission and camera.
+// docs/commands/simulate-world.md.
 #pragma once
 
 #include <cstdint>
@@ -35,7 +36,7 @@ RasterPlacement world_placement(double size_m, double gsd_m);
 // Circular error of the map: 90 % of its misplacements are smaller.
 double map_ce90_m(const Landscape& land);
 
-// STAC items, a mission over the world, and a camera.
+// STAC items, vectors, a mission over the world, and a camera.
 void write_world_documents(const Landscape& land, const WorldOptions& options, const RasterPlacement& placement,
                            const std::filesystem::path& folder);
 

@@ -20,11 +20,11 @@ namespace nadir {
 namespace {
 
 constexpr std::string_view kTiles = "/v1/tiles/";
-constexpr std::array kReadPaths{std::string_view("/v1/health"),  std::string_view("/v1/state"),
-                                std::string_view("/v1/package"), std::string_view("/v1/metrics"),
-                                std::string_view("/v1/events"),  std::string_view("/"),
-                                std::string_view("/page.css"),   std::string_view("/page.js"),
-                                std::string_view("/leaflet.js"), std::string_view("/leaflet.css")};
+constexpr std::array kReadPaths{
+    std::string_view("/v1/health"),   std::string_view("/v1/state"),  std::string_view("/v1/package"),
+    std::string_view("/v1/metrics"),  std::string_view("/v1/events"), std::string_view("/"),
+    std::string_view("/page.css"),    std::string_view("/page.js"),   std::string_view("/leaflet.js"),
+    std::string_view("/leaflet.css"), std::string_view("/v1/vectors")};
 constexpr std::array kWritePaths{std::string_view("/v1/hint"), std::string_view("/v1/object-location")};
 
 template <typename List>
@@ -127,6 +127,10 @@ ApiResponse Api::route(const ApiRequest& request, const ServerCounts& server) co
                        "text/javascript; charset=utf-8");
   if (path == "/leaflet.js") return page_answer(map_page::leaflet_script, "text/javascript; charset=utf-8");
   if (path == "/leaflet.css") return page_answer(map_page::leaflet_style, "text/css; charset=utf-8");
+  if (path == "/v1/vectors") {
+    const auto package = this->package();
+    return vectors_answer(package->vectors ? package->vectors() : std::nullopt);
+  }
   if (path == "/") return page_answer(page::html, "text/html; charset=utf-8");
   return tile_answer(package()->tiles.get(), path.substr(kTiles.size()));
 }

@@ -24,6 +24,8 @@ struct ApiPackage {
   std::shared_ptr<const TileSource> tiles;
   std::shared_ptr<const LocalFrame> frame;       // the plane in which `surface` gives heights
   std::shared_ptr<const GroundSurface> surface;  // null: flat
+  // The bytes of its vectors, read when they are asked for; nothing: it has none. Null: there is no package.
+  std::function<std::optional<Bytes>()> vectors{};
 };
 
 struct ApiOptions {

@@ -53,6 +53,7 @@ ApiPackage package_for_api(std::shared_ptr<const OpenPackage> package) {
   ApiPackage result;
   result.tiles = package->another_imagery_reader();
   result.frame = std::make_shared<const LocalFrame>(mission_frame(package->mission()));
+  result.vectors = [package] { return package->read_vectors(); };
   if (package->terrain() != nullptr) result.surface = std::make_shared<const PackageGround>(package, *result.frame);
   return result;
 }

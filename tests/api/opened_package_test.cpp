@@ -2,9 +2,13 @@
 
 #include <gmock/gmock.h>
 
+#include <fstream>
+
 #include "api/api_fixture.hpp"
+#include "base/files.hpp"
 #include "base/progress.hpp"
 #include "package/package_maker.hpp"
+#include "package/vector_layer.hpp"
 
 namespace nadir {
 namespace {
@@ -38,6 +42,39 @@ TEST_F(OpenedForTheApi, ShowsItsMetadataAndServesItsTiles) {
   const ApiResponse served = api.handle(get("/v1/tiles/" + to_text(first)));
   EXPECT_EQ(served.status, 200);
   EXPECT_EQ(sha256(as_bytes(served.body)), package->imagery().sidecars().front().sha256);
+}
+
+TEST_F(OpenedForTheApi, ServesItsVectorsAsTheyWereSigned) {
+  EXPECT_EQ(api.handle(get("/v1/vectors")).status, 204) << "there is no package";
+  const std::string text =
+      vectors_geojson({"us", "MIT", {{VectorClass::road, "track", false, {{{11, 48}, {11.001, 48}}}}}});
+  maker_.edit_manifest = [&](Manifest& manifest) {
+    const auto package = folder_ / "package";
+    std::filesystem::create_directories(package / "vectors");
+    write_file_atomic(package / kVectorsFile, text);
+    manifest.artifacts.push_back(describe_file(package, kVectorsFile, kRoleVectors));
+    manifest.artifacts.back().vectors = VectorFacts{"us", "MIT", sha256(as_bytes("source")), 1, 0, 0, 0};
+  };
+  const auto folder = maker_.make(folder_);
+  Opening opening = open(folder);
+  ASSERT_TRUE(opening.package) << test::codes(opening.findings);
+  api.use_package(package_for_api(std::shared_ptr<const OpenPackage>(std::move(opening.package))));
+  const ApiResponse served = api.handle(get("/v1/vectors"));
+  EXPECT_EQ(served.status, 200);
+  EXPECT_EQ(served.content_type, "application/geo+json");
+  EXPECT_EQ(served.body, text);
+
+  // Spoilt after the package was opened: the map is shown without them. Before that the package is refused.
+  std::string other = text;
+  other.replace(other.find("track"), 5, "TRACK");
+  {
+    std::fstream file(folder / kVectorsFile, std::ios::in | std::ios::out);
+    file.write(other.data(), static_cast<std::streamsize>(other.size()));
+  }
+  EXPECT_EQ(api.handle(get("/v1/vectors")).status, 204);
+  const Opening again = open(folder);
+  EXPECT_FALSE(again.package);
+  EXPECT_TRUE(again.findings.contains("artifact.hash"));
 }
 
 // Only tiles with the signed digest are shown.

@@ -4,8 +4,9 @@
 usage: navigability.py PROGRAMS [--seeds FIRST LAST] [--flights N] [--work DIR] [--fit] [--recorded NAME PREDICTION ESTIMATES TRUTH SPACING_M]...
 
 Each seed is a world with a package; over it, flights along random routes at random heights, replayed with the localizer, and predicted by
-`nadir mission predict`. A frame is compared with the predicted look that lies nearest, within half of the spacing. Seeds below a million fit
-(--fit prints coefficients for navigability_parameters.hpp), those from a million on judge. What a work folder holds already is not made again.
+`nadir mission predict`. A frame is compared with the predicted look that lies nearest, within half of the spacing; the protection level of its estimate
+with the predicted one, which nine flights of ten should stay below. Seeds below a million fit (--fit prints coefficients for
+navigability_parameters.hpp), those from a million on judge. What a work folder holds already is not made again, so that a bench that was interrupted goes on.
 """
 import argparse
 import csv
@@ -78,7 +79,7 @@ def fly(programs, work, seed, flights):
 
 
 def frames_of(prediction, estimates, truth, spacing_m):
-    """[(look, anchored)] of a flight."""
+    """[(look, anchored, protection level or None)] of a flight."""
     looks = json.loads(prediction.read_text())["looks"]
     where = {row["frame"]: (float(row["lon_deg"]), float(row["lat_deg"])) for row in csv.DictReader(truth.open())}
     frames = []
@@ -92,7 +93,7 @@ def frames_of(prediction, estimates, truth, spacing_m):
             return math.hypot((look["lon_deg"] - lon) * metres, (look["lat_deg"] - lat) * 111200)
         look = min(looks, key=away)
         if away(look) <= spacing_m / 2 + 5:
-            frames.append((look, row["source"] == "satellite_anchored"))
+            frames.append((look, row["source"] == "satellite_anchored", float(row["hpl_m"]) if row["hpl_m"] else None))
     return frames
 
 
@@ -135,7 +136,7 @@ def solve(matrix, vector):
 def fit(flights):
     """Logistic regression by Newton's method, with a weak prior on the slopes."""
     data = [([1.0, look["ratio"], math.log(look["footprint_m"] / look["map_gsd_m"])], anchored)
-            for flight in flights for look, anchored in flight if look["valid"] >= 0.6]
+            for flight in flights for look, anchored, _ in flight if look["valid"] >= 0.6]
     weights, prior = [0.0] * 3, 0.5
     for _ in range(50):
         gradient = [0.0] + [-prior * weight for weight in weights[1:]]
@@ -155,8 +156,8 @@ def judge(name, flights):
     if not frames:
         print(f"{name}: nothing to compare")
         return
-    predicted, anchored = [look["probability"] for look, _ in frames], [float(hit) for _, hit in frames]
-    per_flight = [(sum(look["probability"] for look, _ in flight) / len(flight), sum(hit for _, hit in flight) / len(flight))
+    predicted, anchored = [look["probability"] for look, _, _ in frames], [float(hit) for _, hit, _ in frames]
+    per_flight = [(sum(look["probability"] for look, _, _ in flight) / len(flight), sum(hit for _, hit, _ in flight) / len(flight))
                   for flight in flights if flight]
     print(f"{name}: {len(per_flight)} flights, {len(frames)} frames, {100 * sum(anchored) / len(anchored):.1f} % anchored")
     print(f"  Spearman of frames {spearman(predicted, anchored):.2f}" +
@@ -172,10 +173,37 @@ def judge(name, flights):
             print(f"    {sum(p for p, _ in part) / len(part):.3f}  {sum(hit for _, hit in part) / len(part):.3f}  {len(part)}")
 
 
+def judge_levels(flights):
+    """How often the protection level that was flown stays within the predicted one."""
+    levels = [(look["hpl_m"], level) for flight in flights for look, _, level in flight if level is not None]
+    unknown = sum(level is None for flight in flights for _, _, level in flight)
+    if not levels:
+        return
+    within = [predicted >= flown for predicted, flown in levels]
+    print(f"  protection level: {len(levels)} frames with one, {unknown} without; {100 * sum(within) / len(within):.1f} % within the predicted level")
+    shares = sorted(sum(look["hpl_m"] >= level for look, _, level in known) / len(known)
+                    for flight in flights if (known := [frame for frame in flight if frame[2] is not None]))
+    if len(shares) > 2:
+        print(f"    of a flight's frames: median {100 * shares[len(shares) // 2]:.0f} %, worst tenth {100 * shares[len(shares) // 10]:.0f} %")
+    print("    predicted, flown: median, 90 %, within, frames")
+    for low, high in ((0, 35), (35, 60), (60, 100), (100, 200), (200, math.inf)):
+        part = [(predicted, flown) for predicted, flown in levels if low <= predicted < high]
+        if part:
+            flown = sorted(level for _, level in part)
+            print(f"    {sum(p for p, _ in part) / len(part):6.0f} m  {flown[len(flown) // 2]:6.0f} m  {flown[min(len(flown) - 1, len(flown) * 9 // 10)]:6.0f} m"
+                  f"  {100 * sum(p >= f for p, f in part) / len(part):5.1f} %  {len(part)}")
+    for limit in (50, 100):
+        warned = [(predicted > limit, flown > limit) for predicted, flown in levels]
+        beyond = [w for w, b in warned if b]
+        if beyond:
+            print(f"    beyond {limit} m in flight: {len(beyond)} frames, {100 * sum(beyond) / len(beyond):.0f} % of them predicted beyond it; "
+                  f"predicted beyond it: {sum(w for w, _ in warned)}")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("programs", type=pathlib.Path)
-    parser.add_argument("--seeds", type=int, nargs=2, default=[1_000_001, 1_000_012])
+    parser.add_argument("--seeds", type=int, nargs=2, default=[1_000_001, 1_000_003])
     parser.add_argument("--flights", type=int, default=4, help="over each world")
     parser.add_argument("--work", type=pathlib.Path, default=pathlib.Path("bench-navigability"))
     parser.add_argument("--fit", action="store_true")
@@ -199,8 +227,11 @@ def main():
             sys.exit("seeds from a million on judge: fit on others")
         print("kLookOffset, kLookPerRatio, kLookPerLogFootprint:", *(f"{weight:.3f}" for weight in fit(flights)))
     judge("simulated", flights)
+    judge_levels(flights)
     for name, prediction, estimates, truth, spacing in args.recorded:
-        judge(name, [frames_of(pathlib.Path(prediction), pathlib.Path(estimates), pathlib.Path(truth), float(spacing))])
+        flown = [frames_of(pathlib.Path(prediction), pathlib.Path(estimates), pathlib.Path(truth), float(spacing))]
+        judge(name, flown)
+        judge_levels(flown)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   ablations     the method with steps left out and with other backends (--data DIR: over a recorded flight)
   safety        10 000 short flights under faults: how often is a position wrong with confidence? (hours; --resume FILE)
   flights       long flights with turns, outliers, blackouts, wrong height and heading (--resume FILE; half an hour)
-  navigability  where a flight would anchor, predicted and flown, over simulated worlds (half an hour; --seeds FIRST LAST, --fit)
+  navigability  where a flight would anchor, predicted and flown, over simulated worlds (ten minutes; --seeds FIRST LAST, --fit)
   turns         how far off what odometry says of a turn is (two minutes)
   consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres
@@ -90,7 +90,7 @@ part() {
     package)      programs && python3 "$here/package.py" "$@" ;;
     validators)   python3 "$here/validators.py" "$@" ;;
     kill)         python3 "$here/kill_resume.py" "$@" ;;
-    navigability) programs && python3 -B "$here/navigability.py" build/bin "$@" ;;
+    navigability) one_program nadir && python3 -B "$here/navigability.py" build/bin "$@" ;;
     area)         programs && python3 "$here/area.py" "$@" ;;
     large)        programs && python3 "$here/large.py" "$@" ;;
     candidates)   one_program make_flights && one_program nadir-candidates && python3 -B "$here/candidates.py" "$@" ;;

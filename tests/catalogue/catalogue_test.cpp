@@ -52,6 +52,19 @@ class CatalogueCommands : public ::testing::Test {
   test::PackageMaker maker_;
 };
 
+TEST_F(CatalogueCommands, ACatalogueThatWasMadeBeforeItsViewsGetsThem) {
+  ASSERT_EQ(add(make(3, "package")), 0) << out_.str() << err_.str();
+  for (const char* view : {"package_states", "finest_tiles", "source_states"}) {
+    sql(std::string("DROP VIEW ") + view);
+    sql(std::string("DELETE FROM views_geometry_columns WHERE view_name = '") + view + "'");
+  }
+  ASSERT_EQ(run({"list", file()}), 0) << "reading does without";
+  EXPECT_EQ(sql("SELECT count(*) FROM sqlite_master WHERE name = 'package_states'"), "0");
+  ASSERT_EQ(add(make(4, "next")), 0) << out_.str() << err_.str();
+  EXPECT_EQ(sql("SELECT series, sequence, current FROM package_states ORDER BY sequence"), "village|3|0\nvillage|4|1");
+  EXPECT_EQ(sql("SELECT count(*) FROM views_geometry_columns"), "3");
+}
+
 TEST_F(CatalogueCommands, GdalReadsEveryLayer) {
   ASSERT_EQ(add(make(3, "package")), 0) << out_.str() << err_.str();
   const auto result = test::run_process({"ogrinfo", "-so", "-al", "-ro", file()});

@@ -7,6 +7,7 @@
 #include "commands/command_fixture.hpp"
 #include "package/open_package.hpp"
 #include "package/package_maker.hpp"
+#include "package/vector_layer.hpp"
 #include "package_build/matchability_survey.hpp"
 #include "support/process.hpp"
 
@@ -39,6 +40,54 @@ TEST_F(CacheMatchability, FiguresJsonAndGeoTiffAgree) {
   }
   ASSERT_EQ(run({"cache", "matchability", package, "--footprint-m", "60", "--search-m", "60", "--step-m", "80"}), 0);
   EXPECT_NE(out_.str().find("longest segment without a good place"), std::string::npos);
+}
+
+TEST_F(CacheMatchability, WaterOfThePackagesVectorsIsNoGround) {
+  const std::vector<std::string> options{"--footprint-m", "60", "--search-m", "60", "--step-m", "80", "--json"};
+  const auto survey = [&](const std::string& package) {
+    std::vector<std::string> words{"cache", "matchability", package};
+    words.insert(words.end(), options.begin(), options.end());
+    EXPECT_EQ(run(words), 0) << err_.str();
+    return json::parse(out_.str());
+  };
+  const json plain = survey(maker_.make(folder_).string());
+  EXPECT_FALSE(plain.contains("water_areas"));
+  const LonLatBox everywhere{10.9, 47.9, 11.1, 48.1};
+  const std::string lake = vectors_geojson({"us",
+                                            "MIT",
+                                            {{VectorClass::water,
+                                              "lake",
+                                              true,
+                                              {{{everywhere.west_deg, everywhere.south_deg},
+                                                {everywhere.east_deg, everywhere.south_deg},
+                                                {everywhere.east_deg, everywhere.north_deg},
+                                                {everywhere.west_deg, everywhere.north_deg},
+                                                {everywhere.west_deg, everywhere.south_deg}}}}}});
+  maker_.edit_manifest = [&](Manifest& manifest) {
+    const auto package = folder_ / "flooded";
+    std::filesystem::create_directories(package / "vectors");
+    write_file_atomic(package / kVectorsFile, lake);
+    manifest.artifacts.push_back(describe_file(package, kVectorsFile, kRoleVectors));
+    manifest.artifacts.back().vectors = VectorFacts{"us", "MIT", sha256(as_bytes("source")), 0, 1, 0, 0};
+  };
+  const fs::path package = maker_.make(folder_, "flooded");
+  const json flooded = survey(package.string());
+  EXPECT_EQ(flooded["water_areas"], 1);
+  EXPECT_EQ(flooded["share"]["poor"], 1.0);
+  EXPECT_LT(plain["share"]["poor"].get<double>(), 1.0);
+
+  ASSERT_EQ(run({"cache", "inspect", package.string(), "--json"}), 0);
+  EXPECT_NE(out_.str().find("\"licence\": \"MIT\""), std::string::npos) << out_.str();
+  write_file_atomic(folder_ / "root.json", sign_root(maker_.root, {&maker_.signer}).json());
+  ASSERT_EQ(run({"cache", "verify", package.string(), "--trust", path("root.json"), "--report", path("report")}), 0)
+      << out_.str() << err_.str();
+  EXPECT_NE(out_.str().find("1 feature of water"), std::string::npos) << out_.str();
+  EXPECT_NE(read_text_file(folder_ / "report" / "report.html").find("\"attribution\":\"us\""), std::string::npos);
+
+  // Vectors that are not those of the manifest say nothing.
+  write_file_atomic(package / kVectorsFile, lake + " ");
+  EXPECT_EQ(run({"cache", "matchability", package.string(), "--footprint-m", "60"}), 2);
+  EXPECT_NE(err_.str().find("not those of its manifest"), std::string::npos) << err_.str();
 }
 
 TEST_F(CacheMatchability, IsShownInTheReportOfVerify) {

@@ -2,13 +2,16 @@
 #include <gtest/gtest.h>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
 #include <sstream>
 
 #include "base/files.hpp"
+#include "base/random.hpp"
 #include "cli/program.hpp"
 #include "commands/command_fixture.hpp"
 #include "commands/commands.hpp"
 #include "package/package_maker.hpp"
+#include "raster/test_raster.hpp"
 #include "support/process.hpp"
 
 namespace nadir {
@@ -244,6 +247,39 @@ TEST_F(MissionPlan, WarnsAboutTheBudgetWithFigures) {
   const json one = document();
   ASSERT_EQ(plan(yaml, {"--json", "--threads", "4"}), 0);
   EXPECT_NEAR(document()["build_minutes"].get<double>() * 4, one["build_minutes"].get<double>(), 1e-9);
+}
+
+TEST_F(MissionPlan, WarnsWhereNoLookCanAnchor) {
+  ASSERT_EQ(plan(test::mission_yaml(), {"--json"}), 0);
+  EXPECT_EQ(out_.str().find("mission.unmatchable"), std::string::npos) << out_.str();
+  ASSERT_EQ(plan(test::mission_yaml({{"agl_m: 120", "agl_m: 8"}}), {}), 0) << "an estimate is no verdict";
+  EXPECT_NE(out_.str().find("mission.unmatchable"), std::string::npos) << out_.str();
+  EXPECT_NE(out_.str().find("frames of 8 m at 8 m above ground"), std::string::npos) << out_.str();
+
+  // By its imagery: a flat lake, and noise.
+  folder_.write("camera.yaml",
+                "model: pinhole\nwidth: 640\nheight: 480\nfx: 500\nfy: 500\ncx: 320\ncy: 240\ndistortion: []\n"
+                "uncertainty: {heading_deg: 2, agl_relative: 0.03, tilt_deg: 0.8}\n");
+  const Mission mission = *parse_mission(test::mission_yaml(), "m").mission;
+  for (const bool noise : {false, true}) {
+    test::RasterSpec spec;
+    spec.epsg = 4326;
+    spec.width = spec.height = 1400;
+    spec.transform = {{mission.takeoff.lon_deg - 0.003, 1e-5, 0, mission.takeoff.lat_deg + 0.006, 0, -1e-5}};
+    Random random(3);
+    cv::Mat_<int> grey(200, 200);
+    for (int& value : grey) value = static_cast<int>(random.uniform(20, 230));
+    test::write_raster(folder_ / "map.tif", spec, [&](int column, int row) -> std::array<int, 4> {
+      const int value = noise ? grey(row / 7, column / 7) : 90;
+      return {value, value, value, 255};
+    });
+    test::write_item(folder_ / "map.tif", "2024-03-01T00:00:00Z", 0.9, "survey");
+    ASSERT_EQ(plan(test::mission_yaml(), {"--imagery", path("map.tif"), "--camera", path("camera.yaml"), "--json"}), 0)
+        << err_.str();
+    const double share = document()["anchored_looks"];
+    EXPECT_EQ(out_.str().find("mission.unmatchable") == std::string::npos, noise) << share;
+    EXPECT_EQ(share > 0.5, noise) << share;
+  }
 }
 
 TEST_F(MissionPlan, RejectsOtherFiles) {

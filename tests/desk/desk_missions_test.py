@@ -25,7 +25,8 @@ class Missions(support.EndToEnd):
         self.made = support.made_once("desk world", make_world)
         self.world = self.made / "world"
         self.desk = Desk(self.folder / "desk", self.made, "--imagery", self.world / "map.tif", "--dem", self.world / "dem.tif", "--camera",
-                         self.world / "camera.yaml", "--key", self.made / "signer.key.pem").start()
+                         self.world / "camera.yaml", "--key", self.made / "signer.key.pem", "--vectors", self.world / "vectors.geojson", "--vectors-attribution", "the simulator",
+                         "--vectors-licence", "CC0-1.0").start()
         self.addCleanup(self.desk.stop)
 
     def imported(self, name="mission.yaml", data=None):
@@ -55,7 +56,8 @@ class Missions(support.EndToEnd):
         self.assertTrue(mission["valid"])
         self.assertGreater(mission["estimate"]["tiles"], 10)
         path = f"/v1/missions/{mission['id']}"
-        self.start(mission["id"], STEPS)
+        self.assertEqual([{"name": "vectors.geojson", "problem": None}], self.desk.json("GET", "/v1/planning", expect=200)["vectors"])
+        self.start(mission["id"], STEPS, vectors="vectors.geojson")
         job = self.finished(mission["id"])
         self.assertEqual(["done"] * 7, [step["state"] for step in job["steps"]], job)
         now = self.desk.json("GET", path, expect=200)
@@ -67,7 +69,8 @@ class Missions(support.EndToEnd):
 
         # The same by hand, from the same file.
         package, world = self.folder / "by-hand", self.world
-        for words in (["cache", "build", "--mission", world / "mission.yaml", "--imagery", world / "map.tif", "--dem", world / "dem.tif", "--out", package],
+        for words in (["cache", "build", "--mission", world / "mission.yaml", "--imagery", world / "map.tif", "--dem", world / "dem.tif", "--vectors", world / "vectors.geojson",
+                       "--vectors-attribution", "the simulator", "--vectors-licence", "CC0-1.0", "--out", package],
                       ["cache", "index", package, "--camera", world / "camera.yaml"],
                       ["cache", "matchability", package, "--into-package", "--camera", world / "camera.yaml"],
                       ["cache", "sign", package, "--key", self.made / "signer.key.pem", "--trust", self.made / "root.json"]):
@@ -77,6 +80,12 @@ class Missions(support.EndToEnd):
 
         layers = {layer: self.desk.json("GET", f"{path}/layers/{layer}", expect=200)["features"] for layer in ("tiles", "gaps", "prediction")}
         self.assertEqual([], layers["gaps"])
+        vectors = self.desk.json("GET", f"{path}/layers/vectors", expect=200)
+        self.assertEqual(("the simulator", "CC0-1.0"), (vectors["attribution"], vectors["licence"]))
+        classes = [feature["properties"]["class"] for feature in vectors["features"]]
+        self.assertEqual({"road", "water", "wood", "building"}, set(classes))
+        self.assertEqual(classes.count("building"), now["package"]["vectors"]["buildings"])
+        self.assertEqual(vectors, self.desk.json("GET", f"/v1/packages/{name}/vectors", expect=200))
         self.assertIn(layers["tiles"][0]["properties"]["matchability"], ("good", "weak", "poor", None))
         self.assertGreater(len(layers["prediction"]), 5)
         for tiles in (f"{path}/tiles", "/v1/imagery/map.tif/tiles"):
@@ -96,6 +105,8 @@ class Missions(support.EndToEnd):
         self.assertEqual(204, self.desk.call("DELETE", f"{path}/package")[0])
         self.start(mission["id"], ["build"])
         self.assertEqual("done", self.finished(mission["id"])["state"])
+        self.assertEqual(204, self.desk.call("GET", f"{path}/layers/vectors")[0], "built without them")
+        self.assertIsNone(self.desk.json("GET", path, expect=200)["package"]["vectors"])
 
     def test_drafts_conflicts_and_wrong_requests(self):
         draft = self.desk.json("POST", "/v1/missions", {"name": "Harbour, east side"}, 201)
@@ -114,7 +125,7 @@ class Missions(support.EndToEnd):
             self.desk.json("PUT", path, body, 400)
         for change in ({"steps": []}, {"steps": ["fly"]}, {"quality": 0}, {"imagery": [7]}, {"surprise": 1}):
             self.start(draft["id"], **({"steps": ["build"], "expect": 400} | change))
-        for change in ({"imagery": ["../planner.key.pem"]}, {"imagery": []}, {"key": "signer.pub.pem"}, {"camera": "/etc/passwd"}):
+        for change in ({"imagery": ["../planner.key.pem"]}, {"imagery": []}, {"key": "signer.pub.pem"}, {"camera": "/etc/passwd"}, {"vectors": "../vectors.geojson"}):
             self.start(draft["id"], ["build", "sign"], 422, **change)
         # Not the imagery's ground: the command's own findings arrive.
         self.start(draft["id"], ["build", "sign"])

@@ -13,6 +13,7 @@
 #include "package/sidecar.hpp"
 #include "package/tile_set_check.hpp"
 #include "package/validate.hpp"
+#include "package/vector_layer.hpp"
 #include "trust/aircraft_state.hpp"
 #include "trust/rollback_permit.hpp"
 #include "trust/root.hpp"
@@ -51,6 +52,19 @@ void manifest(std::string_view bytes) {
   const ManifestReading again = parse_manifest(as_bytes(written));
   require(again.manifest.has_value(), "what was accepted is refused when it is written again");
   require(manifest_json(*again.manifest) == written, "a manifest changes when it is written");
+}
+
+void vectors(std::string_view bytes) {
+  refusing([&] {
+    const VectorLayer first = parse_vectors(as_bytes(bytes), "fuzz");
+    for (const MapVector& vector : first.features) {
+      require(!vector.parts.empty() && vector.parts.front().size() > 1, "a feature without a shape");
+      require(vector.is_area || vector.parts.size() == 1, "a line of several parts");
+    }
+    const std::string written = vectors_geojson(first);
+    require(vectors_geojson(parse_vectors(as_bytes(written), "again")) == written,
+            "vectors change when they are written");
+  });
 }
 
 void mission(std::string_view bytes) {

@@ -34,6 +34,7 @@ const std::vector<Target>& targets() {
                                        {"candidate_rows", fuzz::candidate_rows},
                                        {"terrain", fuzz::terrain},
                                        {"matchability", fuzz::matchability},
+                                       {"vectors", fuzz::vectors},
                                        {"vrt", fuzz::vrt},
                                        {"stac_item", fuzz::stac_item},
                                        {"kml", fuzz::kml},

@@ -30,6 +30,7 @@ void telemetry(std::string_view bytes);
 void poses(std::string_view bytes);
 void terrain(std::string_view bytes);
 void matchability(std::string_view bytes);
+void vectors(std::string_view bytes);  // roads, water, woods and buildings of a package
 void vrt(std::string_view bytes);      // and what it names, before GDAL sees it
 void picture(std::string_view bytes);  // JPEG, PNG, WebP, TIFF
 

@@ -66,6 +66,118 @@ TEST_F(MissionFiles, EveryFormatGivesTheSameMissionAgain) {
   }
 }
 
+TEST_F(MissionFiles, FramesOfEachPointSurvive) {
+  Mission mission = test::sample_mission();
+  mission.route.height_frame = HeightFrame::above_takeoff;
+  mission.route.height_frames = {HeightFrame::above_takeoff, HeightFrame::above_ground, HeightFrame::above_sea_level};
+  const MissionReading reading = parse_mission(mission_yaml(mission), "m.yaml");
+  for (const Finding& finding : reading.findings.items()) ADD_FAILURE() << to_text(finding);
+  EXPECT_EQ(reading.mission, mission);
+  for (const MissionFormat format :
+       {MissionFormat::geojson, MissionFormat::gpkg, MissionFormat::plan, MissionFormat::waypoints}) {
+    MissionImportOptions options;
+    if (format == MissionFormat::waypoints) options.base = mission;
+    EXPECT_EQ(imported(exported(mission, format), options), mission) << name_of(format);
+  }
+  EXPECT_THROW(mission_as_kml(mission), UsageError);
+
+  // Frames that are the same are one frame; a number of them that is not the points' is refused, and so are both forms.
+  std::string text = mission_yaml(mission);
+  const std::string frames = "frames: [above_takeoff, above_ground, above_sea_level]";
+  const auto with = [&](const std::string& other) {
+    std::string changed = text;
+    changed.replace(changed.find(frames), frames.size(), other);
+    return parse_mission(changed, "m.yaml");
+  };
+  const MissionReading same = with("frames: [above_ground, above_ground, above_ground]");
+  ASSERT_TRUE(same.mission);
+  EXPECT_TRUE(same.mission->route.height_frames.empty());
+  EXPECT_EQ(same.mission->route.height_frame, HeightFrame::above_ground);
+  EXPECT_EQ(mission_yaml(*same.mission).find("frames: [above"), std::string::npos);
+  EXPECT_FALSE(with("frames: [above_ground, above_takeoff]").mission);
+  EXPECT_FALSE(with("frames: [above_ground, above_takeoff, high]").mission);
+  EXPECT_FALSE(with("frame: above_ground, " + frames).mission);
+  EXPECT_FALSE(with("frames: above_ground").mission);
+
+  // A point more, drawn in another program: whose frames the others are is no longer known.
+  const auto path = exported(mission, MissionFormat::geojson);
+  std::string drawing = read_text_file(path);
+  const std::string words = "above_takeoff above_ground above_sea_level";
+  drawing.replace(drawing.find(words), words.size(), "above_takeoff above_ground");
+  write_file_atomic(path, drawing);
+  const ImportedMission read = mission_from_drawing(read_mission_drawing(path), {}, path.string());
+  ASSERT_TRUE(read.reading.mission);
+  EXPECT_TRUE(read.reading.mission->route.heights_m.empty());
+  EXPECT_FALSE(read.notes.empty());
+}
+
+// As Google Earth saves it: folders, views, shared styles, its own namespace, and a ZIP with pictures beside the
+// document.
+TEST_F(MissionFiles, AKmzOfGoogleEarth) {
+  const std::string kml = R"(<?xml version="1.0" encoding="UTF-8"?>
+<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2" xmlns:kml="http://www.opengis.net/kml/2.2" xmlns:atom="http://www.w3.org/2005/Atom">
+<Document><name>flight.kmz</name>
+ <gx:CascadingStyle kml:id="__managed_style_0"><Style><IconStyle><Icon><href>files/pin.png</href></Icon></IconStyle></Style></gx:CascadingStyle>
+ <StyleMap id="m_ylw-pushpin"><Pair><key>normal</key><styleUrl>#s_ylw-pushpin</styleUrl></Pair></StyleMap>
+ <Style id="s_ylw-pushpin"><LineStyle><color>ff0000ff</color><width>3</width></LineStyle></Style>
+ <Folder><name>Mission</name><open>1</open>
+  <LookAt><longitude>11.33</longitude><latitude>48.14</latitude><altitude>0</altitude><range>997</range><gx:altitudeMode>relativeToSeaFloor</gx:altitudeMode></LookAt>
+  <Placemark><name>Untitled Path</name><styleUrl>#m_ylw-pushpin</styleUrl>
+   <LineString><tessellate>1</tessellate><altitudeMode>relativeToGround</altitudeMode><coordinates>
+    11.3333,48.1428,80 11.3666,48.1442,120
+   </coordinates></LineString></Placemark>
+  <Folder><name>Areas</name>
+   <Placemark><name>Old town</name><Polygon><tessellate>1</tessellate><outerBoundaryIs><LinearRing><coordinates>
+    11.34,48.14,0 11.35,48.14,0 11.35,48.15,0 11.34,48.14,0
+   </coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark>
+   <Placemark><name>No-fly mast</name><Polygon><extrude>1</extrude><altitudeMode>relativeToGround</altitudeMode><outerBoundaryIs><LinearRing><coordinates>
+    11.36,48.15,50 11.37,48.15,50 11.37,48.16,50 11.36,48.15,50
+   </coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark>
+  </Folder>
+  <Placemark><name>Pin</name><Point><gx:drawOrder>1</gx:drawOrder><coordinates>11.34,48.14,0</coordinates></Point></Placemark>
+ </Folder>
+</Document></kml>)";
+  folder_.write("doc.kml", kml);
+  std::filesystem::create_directory(folder_ / "files");
+  folder_.write("files/pin.png", "no picture, and nobody asks");
+  const auto zipped =
+      test::run_shell("cd '" + folder_.path().string() +
+                      "' && python3 -c \"import zipfile; z = zipfile.ZipFile('flight.kmz', 'w', zipfile.ZIP_DEFLATED); "
+                      "z.write('doc.kml'); z.write('files/pin.png')\"");
+  ASSERT_EQ(zipped.code, 0) << zipped.err;
+  MissionImportOptions options;
+  options.id = "earth";
+  options.today = *parse_utc("2026-05-01");
+  const Mission mission = imported(folder_ / "flight.kmz", options);
+  EXPECT_EQ(mission.route.points, (std::vector<LonLat>{{11.3333, 48.1428}, {11.3666, 48.1442}}));
+  EXPECT_EQ(mission.route.heights_m, (std::vector<double>{80, 120}));
+  EXPECT_EQ(mission.route.height_frame, HeightFrame::above_ground);
+  ASSERT_EQ(mission.sectors.size(), 1U);
+  EXPECT_EQ(mission.sectors[0].id, "Old-town");
+  ASSERT_EQ(mission.no_fly.size(), 1U);
+  EXPECT_EQ(mission.no_fly[0].id, "No-fly-mast");
+}
+
+// QGIS keeps styles in a table of the GeoPackage, and may keep other tables without geometry.
+TEST_F(MissionFiles, AGeoPackageWithTablesOfQgis) {
+  const Mission mission = test::sample_mission();
+  const auto path = exported(mission, MissionFormat::gpkg);
+  const auto changed = test::run_process({"sqlite3", path.string(),
+                                          "CREATE TABLE layer_styles (id INTEGER PRIMARY KEY, f_table_catalog TEXT, "
+                                          "f_table_schema TEXT, f_table_name TEXT, "
+                                          "f_geometry_column TEXT, styleName TEXT, styleQML TEXT, styleSLD TEXT, "
+                                          "useAsDefault BOOLEAN, description TEXT, owner "
+                                          "TEXT, ui TEXT, update_time DATETIME);"
+                                          "INSERT INTO gpkg_contents (table_name, data_type, identifier, description) "
+                                          "VALUES ('layer_styles', 'attributes', "
+                                          "'layer_styles', '');"
+                                          "INSERT INTO layer_styles (f_table_name, f_geometry_column, styleName, "
+                                          "styleQML, useAsDefault) VALUES ('route', 'geom', "
+                                          "'route', '<!DOCTYPE qgis><qgis/>', 1);"});
+  ASSERT_EQ(changed.code, 0) << changed.err;
+  EXPECT_EQ(imported(path), mission);
+}
+
 TEST_F(MissionFiles, AnAreaAloneIsAMission) {
   const Mission mission = test::area_alone();
   for (const MissionFormat format :

@@ -38,6 +38,29 @@ TEST(Manifest, RoundTrips) {
   EXPECT_EQ(reading.manifest->sequence, 3);
 }
 
+TEST(Manifest, VectorsStateTheirOriginAndLicence) {
+  Manifest manifest = sample();
+  Artifact vectors;
+  vectors.path = kVectorsFile;
+  vectors.role = kRoleVectors;
+  vectors.vectors = VectorFacts{"© OpenStreetMap contributors", "ODbL-1.0", sha256(as_bytes("source")), 12, 3, 4, 567};
+  manifest.artifacts.push_back(vectors);
+  const ManifestReading reading = parse_manifest(as_bytes(manifest_json(manifest)));
+  ASSERT_TRUE(reading.manifest) << test::codes(reading.findings);
+  EXPECT_EQ(reading.manifest->artifact(kRoleVectors)->vectors, vectors.vectors);
+  EXPECT_EQ(manifest_json(*reading.manifest), manifest_json(manifest));
+  for (const auto& [member, value] : {std::pair<const char*, json>("attribution", std::string(201, 'x')),
+                                      {"attribution", ""},
+                                      {"licence", json()},
+                                      {"source_sha256", "00"},
+                                      {"roads", -1},
+                                      {"surprise", 1}}) {
+    json document = json::parse(manifest_json(manifest));
+    document["artifacts"][2]["vectors"][member] = value;
+    EXPECT_FALSE(parse_manifest(as_bytes(document.dump())).manifest) << member;
+  }
+}
+
 TEST(Manifest, BytesDoNotDependOnTheOrderOfArtifacts) {
   Manifest other = sample();
   std::swap(other.artifacts[0], other.artifacts[1]);

@@ -19,6 +19,7 @@
 #include "imagery/cog_reader.hpp"
 #include "imagery/map_window.hpp"
 #include "imagery/mbtiles.hpp"
+#include "package/vector_layer.hpp"
 #include "package_build/package_builder_fixture.hpp"
 #include "support/small_disk.hpp"
 
@@ -74,6 +75,45 @@ TEST_F(PackageBuilder, TheMapShowsTheRastersColoursAtEveryZoom) {
       EXPECT_EQ(cv::countNonZero(window.mask), window.mask.rows * window.mask.cols);
     }
   }
+}
+
+TEST_F(PackageBuilder, VectorsAreAPartOfThePackage) {
+  const auto& t = *spec_.transform;
+  const auto at = [&](double column, double row) {
+    const auto place = test::project(32651, "EPSG:4326", {t[0] + t[1] * column, t[3] + t[5] * row});
+    return fmt::format("[{:.7f},{:.7f}]", place.x, place.y);
+  };
+  folder_.write("osm.geojson",
+                R"({"type":"FeatureCollection","features":[{"type":"Feature","properties":{"highway":"track"},
+                "geometry":{"type":"LineString","coordinates":[)" +
+                    at(100, 100) + "," + at(1500, 1500) + "]}}]}");
+  PackageRequest wanted = request("package");
+  wanted.vectors = VectorRequest{folder_ / "osm.geojson", "the surveyors", "CC0-1.0"};
+  const PackageReport report = build(wanted);
+  ASSERT_FALSE(report.findings.has_errors());
+  ASSERT_TRUE(report.vectors);
+  EXPECT_EQ(report.vectors->roads, 1U);
+  const auto parsed = parse_manifest(read_file(folder_ / "package" / kManifestFile));
+  const Artifact* artifact = parsed.manifest->artifact(kRoleVectors);
+  ASSERT_NE(artifact, nullptr);
+  EXPECT_EQ(artifact->sha256, sha256_file(folder_ / "package" / kVectorsFile));
+  EXPECT_EQ(artifact->vectors, report.vectors);
+  EXPECT_EQ(parse_vectors(read_file(folder_ / "package" / kVectorsFile), "v").features.size(), 1U);
+  wanted.out = folder_ / "again";
+  build(wanted);
+  expect_same_files(folder_ / "package", folder_ / "again");
+
+  // All else is as without them, and a build without them knows nothing of them.
+  ASSERT_FALSE(build(request("plain")).findings.has_errors());
+  EXPECT_EQ(read_file(folder_ / "plain" / kImageryFile), read_file(folder_ / "package" / kImageryFile));
+  EXPECT_FALSE(fs::exists(folder_ / "plain" / "vectors"));
+  EXPECT_EQ(read_text_file(folder_ / "plain" / kManifestFile).find("vectors"), std::string::npos);
+
+  // A licence that is not known stops the build before anything is made.
+  wanted.out = folder_ / "unknown";
+  wanted.vectors->licence.reset();
+  EXPECT_THROW(build(wanted), UsageError);
+  EXPECT_FALSE(fs::exists(folder_ / "unknown"));
 }
 
 TEST_F(PackageBuilder, GdalOpensTheTiles) {

@@ -203,8 +203,15 @@ TEST(RouteProfile, HeightsAreCountedFromWhatTheRouteSays) {
   EXPECT_NEAR(*near(profile, 11.01).agl_m, 140, 1);
   mission.route.height_frame = HeightFrame::above_sea_level;
   EXPECT_NEAR(*near(profile_of(mission, ground, nullptr, 200), 11.01).agl_m, -260, 1) << "it would hit the ground";
+  // From above take-off to above ground: the height above ground goes linearly, each over the ground of the place.
+  mission.route.height_frame = HeightFrame::above_takeoff;
+  mission.route.height_frames = {HeightFrame::above_takeoff, HeightFrame::above_ground};
+  profile = profile_of(mission, ground, nullptr, 200);
+  EXPECT_NEAR(*profile.samples.front().height_m, 450, 1);
+  EXPECT_NEAR(*near(profile, 11.01).agl_m, 0.5 * (400 + 50 - 410) + 0.5 * 250, 1);
   mission.route.points.clear();
   mission.route.heights_m.clear();
+  mission.route.height_frames.clear();
   EXPECT_TRUE(profile_of(mission, ground, nullptr, 200).samples.empty());
 }
 

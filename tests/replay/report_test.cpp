@@ -78,6 +78,24 @@ TEST(Report, ContainsTheProtectionLevelsAndTheRegionsOfTheStanfordDiagram) {
   EXPECT_NE(report_html(input).find("id=\"stanford\""), std::string::npos);
 }
 
+TEST(Report, VectorsOnTheMapAreDrawnInItsPlane) {
+  ReportInput input = small_input();
+  const auto at = [&](double east_m, double north_m) { return input.frame.lonlat_from_plane({east_m, north_m}); };
+  input.vectors =
+      VectorLayer{"</script> contributors",
+                  "ODbL-1.0",
+                  {{VectorClass::road, "track", false, {{at(-500, 0), at(20, 10)}}},
+                   {VectorClass::building, "yes", true, {{at(900, 0), at(910, 0), at(910, 9), at(900, 0)}}}}};
+  EXPECT_FALSE(data_of(report_html(input)).contains("vectors")) << "without imagery there is nothing to draw them on";
+  input.map = ReportMap{"data:,", -100, 100, 200, 200};
+  const auto data = data_of(report_html(input));
+  ASSERT_EQ(data["vectors"]["features"].size(), 1U) << "the building lies beside the map";
+  EXPECT_EQ(data["vectors"]["attribution"], "</script> contributors");
+  const auto& points = data["vectors"]["features"][0]["geometry"]["coordinates"];
+  EXPECT_NEAR(points[1][0].get<double>(), 20, 0.06);
+  EXPECT_NEAR(points[1][1].get<double>(), 10, 0.06);
+}
+
 TEST(Report, ExternalNamesAreEscaped) {
   const std::string html = report_html(small_input());
   EXPECT_EQ(html.find("<img src=x>"), std::string::npos);

@@ -2,18 +2,22 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "base/digest.hpp"
 #include "base/files.hpp"
+#include "geodesy/region.hpp"
 #include "package/mission.hpp"
 #include "raster/gdal_dataset.hpp"
 #include "raster/imagery_input.hpp"
 #include "simulation/landscape.hpp"
 #include "simulation/landscape_rendering.hpp"
+#include "simulation/world_vectors.hpp"
 #include "support/temporary_folder.hpp"
 #include "vision/camera.hpp"
 
@@ -52,10 +56,56 @@ cv::Mat edges(const cv::Mat& grey) {
   return strength;
 }
 
+// Drawn by the borders of the fields, judged by what the painter asks of each place.
+TEST(World, VectorsShowWhereWoodsAndWaterAre) {
+  const double size_m = 1500;
+  const Landscape land = generate_landscape(8, size_m);
+  const auto as_degrees = [](GroundPoint p) { return LonLat{p.x / 1000, p.y / 1000}; };
+  const nlohmann::json document = nlohmann::json::parse(world_vectors(land, as_degrees));
+  std::vector<PlaneRing> woods, waters;
+  std::map<std::string, int> counts;
+  for (const auto& feature : document["features"]) {
+    const auto& [key, value] = *feature["properties"].items().begin();
+    ++counts[key];
+    if (key != "natural") continue;
+    PlaneRing ring;
+    for (const auto& point : feature["geometry"]["coordinates"][0]) ring.push_back({point[0], point[1]});
+    (value == "wood" ? woods : waters).push_back(std::move(ring));
+  }
+  EXPECT_EQ(static_cast<std::size_t>(counts["waterway"]), 1U);
+  EXPECT_EQ(waters.size(), 1 + land.ponds.size());
+  EXPECT_GT(counts["highway"], 10);
+  EXPECT_GT(counts["building"], 50);
+  const auto in = [](const std::vector<PlaneRing>& rings, GroundPoint p) {
+    return std::any_of(rings.begin(), rings.end(), [&](const PlaneRing& ring) {
+      return contains(ring, {p.x / 1000, p.y / 1000});
+    });
+  };
+  int wooded = 0, wet = 0;
+  for (double y = 11; y < size_m; y += 17) {
+    for (double x = 11; x < size_m; x += 17) {
+      const GroundPoint place(x, y);
+      const FieldPattern::Hit hit = land.fields.find(land.fields.uv_from_ground(place));
+      const Crop crop = land.fields.parcels[static_cast<std::size_t>(hit.parcel)].crop;
+      const bool wood = crop == Crop::wood || crop == Crop::conifers;
+      if (hit.border_m > 1) EXPECT_EQ(in(woods, place), wood) << x << " " << y;
+      wooded += wood ? 1 : 0;
+      const double river_m = distance_m(land.river, place);
+      if (river_m < 5) EXPECT_TRUE(in(waters, place)) << x << " " << y;
+      wet += river_m < 5 ? 1 : 0;
+      const bool far_from_ponds =
+          std::all_of(land.ponds.begin(), land.ponds.end(), [&](const Pond& pond) { return pond.edge_m(place) > 1; });
+      if (river_m > 25 && far_from_ponds) EXPECT_FALSE(in(waters, place)) << x << " " << y;
+    }
+  }
+  EXPECT_GT(wooded, 50);
+  EXPECT_GT(wet, 20);
+}
+
 TEST(World, SameSeedGivesTheSameBytesAndAnotherSeedAnotherWorld) {
   const MadeWorld a(5), b(5), c(6);
-  for (const char* file :
-       {"map.tif", "ground.tif", "dem.tif", "map.json", "ground.json", "mission.yaml", "camera.yaml"}) {
+  for (const char* file : {"map.tif", "ground.tif", "dem.tif", "map.json", "ground.json", "mission.yaml", "camera.yaml",
+                           "vectors.geojson"}) {
     EXPECT_EQ(sha256_file(a.folder.path() / file), sha256_file(b.folder.path() / file)) << file;
   }
   EXPECT_LT(std::abs(correlation(a.grey("ground.tif"), c.grey("ground.tif"))), 0.35);

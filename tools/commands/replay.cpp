@@ -134,6 +134,17 @@ nlohmann::json json_from(const NoFixDiagnosis& diagnosis) {
 }
 
 // What stands above the report of a flight that the map did not help, and beside the exit code.
+// A report is made without vectors that cannot be read.
+std::optional<VectorLayer> vectors_of(const OpenPackage& package) {
+  const auto bytes = package.read_vectors();
+  if (!bytes) return std::nullopt;
+  try {
+    return parse_vectors(*bytes, kVectorsFile);
+  } catch (const Error&) {
+    return std::nullopt;
+  }
+}
+
 std::string notice_of(const std::optional<NoFixDiagnosis>& diagnosis) {
   return "no frame was localized on the map" + (diagnosis ? ": " + diagnosis->text : std::string());
 }
@@ -379,6 +390,7 @@ int ReplayCommand::run(Context& context) {
       .notice = nothing_localized ? notice_of(flown.diagnosis) : std::string()};
   const auto box = box_of(estimates, truth, frame);
   if (package != nullptr && box) report.map = report_map(package->imagery(), frame, *box);
+  if (report.map) report.vectors = vectors_of(*package);
   write_file_atomic(staging.path() / "report.html", report_html(report));
   staging.commit();
 

@@ -27,8 +27,9 @@ const drawMap = (host) => {
   for (const name of names) layer[name] = L.layerGroup().addTo(map);
   if (data.map) {
     const { image, west, north, width, height } = data.map;
-    L.imageOverlay(image, [at(west, north - height), at(west + width, north)]).addTo(layer.imagery);
+    L.imageOverlay(image, [at(west, north - height), at(west + width, north)], { pane: "tilePane" }).addTo(layer.imagery);
   }
+  if (data.vectors) makeVectorOverlay(map, { place: ([east, north]) => at(east, north) }).show(data.vectors);
   const shown = { renderer, interactive: false, lineJoin: "round" };
   const line = (group, list, colour, width) => {
     L.polyline(list, { ...shown, color: "#ffffff", opacity: .85, weight: width + 2.5 }).addTo(group);

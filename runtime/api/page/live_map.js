@@ -10,6 +10,7 @@ const makeLiveMap = () => {
   map.setView([20, 0], 2);
   const layer = () => L.layerGroup().addTo(map);
   const route = layer(), casings = layer(), lines = layer(), uncertainty = layer();
+  const vectors = makeVectorOverlay(map);
   let tiles = null, known = "", closest = 17, state = null, track = [], following = true, placed = false, planned = false;
 
   // A line for each run of one source; a run begins where the one before it ended.
@@ -71,7 +72,9 @@ const makeLiveMap = () => {
       tiles?.remove();
       tiles = null;
       route.clearLayers();
+      vectors.show(null);
       if (!pack.accepted) return;
+      vectors.load("/v1/vectors");
       closest = pack.max_zoom;
       if (pack.tiles > 0) {
         const shown = { zooms: { min: pack.min_zoom, max: pack.max_zoom }, bounds: pack.bounds ?? [-180, -85, 180, 85] };

@@ -1,6 +1,7 @@
 // The figures, the subsystems and the events, as text. Whatever comes from outside is set as text, never as HTML.
 
 const byId = (id) => document.getElementById(id);
+const metresPerFoot = 0.3048;
 const words = (name) => name.replaceAll("_", " ");
 
 const duration = (seconds) => {
@@ -37,7 +38,7 @@ const showState = (state) => {
   byId("hpl-limit").title = `protection level, alert limit ${metres(limit)} m`;
   figure("speed", state.velocity ? Math.hypot(state.velocity.east_m_s, state.velocity.north_m_s).toFixed(1) : "–", "m/s");
   figure("heading", state.heading_deg === null ? "–" : String(Math.round(state.heading_deg) % 360).padStart(3, "0") + "°");
-  figure("agl", state.agl_m === null ? "–" : Math.round(state.agl_m), "m");
+  figure("agl", state.agl_m === null ? "–" : Math.round(state.agl_m), state.agl_m === null ? "" : `m · ${Math.round(state.agl_m / metresPerFoot)} ft`);
 
   byId("source").className = state.source;
   byId("source").textContent = words(state.source);

@@ -41,6 +41,7 @@ class CacheBuildCommand final : public Command {
   std::string format_ = "mbtiles";
   std::string tile_format_ = "jpeg";
   int quality_ = 75;
+  VectorOptions vectors_;
   ImageryOptions imagery_options_{"priority"};
   std::optional<std::filesystem::path> key_;
   std::vector<std::filesystem::path> roots_;
@@ -66,6 +67,9 @@ MIN, black, to MAX, white, for all bands; the values used become part of each ti
 A mission with terrain: {mode: dem} needs an elevation model (--dem). It is cropped to the
 mission's area plus a margin and becomes terrain/dem.tif of the package.
 
+--vectors adds roads, water, woods and buildings, cut to the mission and simplified to the tiles'
+resolution, as vectors/vectors.geojson: the pages draw them, and water informs `cache matchability`.
+
 --carry-root adds newer roots of trust to the package, so that an aircraft that holds their
 predecessor learns of new and revoked keys; each must be signed by its predecessor, the first one
 by the root that --trust names.
@@ -77,6 +81,7 @@ was killed, or ran out of disk space, continues with --resume and gives the same
 std::string_view CacheBuildCommand::examples() const {
   return R"(nadir cache build --mission mission.yaml --imagery map.tif --key planner.key.pem --out package
 nadir cache build --mission mission.yaml --imagery map.tif --dem dem.tif --key planner.key.pem --out package
+nadir cache build --mission mission.yaml --imagery map.tif --vectors region.osm.pbf --key planner.key.pem --out package
 nadir cache build --mission mission.yaml --imagery new.tif --imagery old.tif --tile-format webp --out package
 nadir cache build --mission mission.yaml --imagery map.tif --captured 2024-03-01 --gsd-m 0.3 --ce90-m 5 --provider survey --out package)";
 }
@@ -89,6 +94,7 @@ void CacheBuildCommand::setup(Options& options) {
                  "values of 16-bit or float imagery that become black and white, or percentile:LOW,HIGH; one for all, "
                  "or one for each --imagery (none for an 8-bit one)");
   options.value("--dem", dem_, "FILE", "elevation model in metres that GDAL reads; for terrain: {mode: dem}");
+  vectors_.setup(options, "without it the package has none");
   options.value("--format", format_, "FORMAT", "tile container").one_of({"mbtiles", "cog"});
   options.value("--tile-format", tile_format_, "FORMAT", "encoding of the tiles").one_of({"jpeg", "webp", "png"});
   options.value("--quality", quality_, "N", "quality of JPEG and WebP tiles").between(1, 100);
@@ -114,6 +120,7 @@ int CacheBuildCommand::run(Context& context) {
   request.overrides = imagery_options_.overrides();
   for (const std::string& text : stretches_) request.stretches.push_back(parse_stretch(text));
   request.dem = dem_;
+  request.vectors = vectors_.request();
   request.tiles.encoding = {parse_image_format(tile_format_).value_or(ImageFormat::jpeg), quality_};
   if (format_ == "cog") {
     request.tiles.container = TileSetKind::cog;
@@ -145,6 +152,7 @@ int CacheBuildCommand::run(Context& context) {
                            {"resumed_tiles", report.resumed}, {"bytes", report.bytes},
                            {"min_zoom", report.zoom.min},     {"max_zoom", report.zoom.max},
                            {"signed", key.has_value()},       {"merkle_root", report.merkle_root.hex()}};
+    if (report.vectors) more["vectors"] = json_of(*report.vectors);
     if (report.terrain) more["terrain"] = {{"columns", report.terrain->columns}, {"rows", report.terrain->rows}};
     return report_findings(context.out, true, report.findings, more);
   }
@@ -155,6 +163,7 @@ int CacheBuildCommand::run(Context& context) {
        {"tiles", fmt::format("{} (zoom {} to {})", report.tiles, report.zoom.min, report.zoom.max)},
        {"terrain", report.terrain ? fmt::format("{} x {} heights", report.terrain->columns, report.terrain->rows)
                                   : std::string("flat")},
+       {"vectors", report.vectors ? text_of(*report.vectors) : std::string("none")},
        {"size", fmt::format("{:.1f} MB", static_cast<double>(report.bytes) / 1e6)},
        {"merkle root", report.merkle_root.hex()},
        {"signed by", key ? key->public_key().id() : "unsigned"}});

@@ -98,8 +98,9 @@ json matchability_layer(const MatchabilityResult& result, const Mission& mission
   return layer;
 }
 
-constexpr std::size_t kMaxCells = 8000;     // what a browser draws and moves without a jerk
-constexpr std::size_t kMaxOutlines = 1000;  // gaps that are outlined; more show as cells alone
+constexpr std::size_t kMaxCells = 8000;           // what a browser draws and moves without a jerk
+constexpr std::size_t kMaxShownVectors = 50'000;  // what a page still loads at once
+constexpr std::size_t kMaxOutlines = 1000;        // gaps that are outlined; more show as cells alone
 constexpr std::int64_t kSecondsPerDay = 86'400;
 
 // From good to bad: a cell of several tiles shows the last that applies.
@@ -147,6 +148,7 @@ class Map {
     for (const Gap& gap : gaps_) gap_m2 += gap.area_m2;
     data["gap_m2"] = rounded(gap_m2, 1);
     data["needed_m2"] = rounded(needed_m2(), 1);
+    if (report_.vectors) data["vectors"] = vectors();
     if (report_.matchability) data["matchability"] = matchability_layer(*report_.matchability, mission_, origin_);
     return data;
   }
@@ -236,6 +238,24 @@ class Map {
                       {"points", places(sector.polygon)}});
     }
     return list;
+  }
+
+  // As the package has them, in this map's pixels. Of very many the smallest would not be seen anyway.
+  json vectors() const {
+    json features = json::array();
+    for (const MapVector& vector : report_.vectors->features) {
+      if (features.size() == kMaxShownVectors) break;
+      json parts = json::array();
+      for (const std::vector<LonLat>& part : vector.parts) parts.push_back(places(part));
+      features.push_back({{"properties", {{"class", name_of(vector.cls)}, {"kind", vector.kind}}},
+                          {"geometry",
+                           {{"type", vector.is_area ? "Polygon" : "LineString"},
+                            {"coordinates", vector.is_area ? parts : parts.front()}}}});
+    }
+    return {{"attribution", report_.vectors->attribution},
+            {"licence", report_.vectors->licence},
+            {"left_out", report_.vectors->features.size() - features.size()},
+            {"features", std::move(features)}};
   }
 
   json outlines() const {

@@ -37,6 +37,7 @@ struct CacheReport {
   std::vector<Sidecar> tiles;      // in the order of TileKey
   bool dated = true;               // false: captured_at of the tiles says nothing
   std::optional<MatchabilityResult> matchability = std::nullopt;
+  std::optional<VectorLayer> vectors = std::nullopt;
 };
 
 // findings.txt, findings.json, findings.csv, findings.md and report.html in `folder`, which is made when it is not

@@ -1,8 +1,13 @@
 #include "commands/cache/imagery_options.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <nlohmann/json.hpp>
 #include <thread>
 
+#include "base/plural.hpp"
+#include "base/printable.hpp"
 #include "cli/options.hpp"
 
 namespace nadir {
@@ -32,6 +37,39 @@ MosaicOptions ImageryOptions::mosaic() const {
 
 int ImageryOptions::threads() const {
   return threads_.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
+}
+
+void VectorOptions::setup(Options& options, std::string_view otherwise) {
+  options.value("--vectors", file_, "FILE",
+                fmt::format("roads, water, woods and buildings: .osm.pbf, GeoPackage or GeoJSON with OpenStreetMap's "
+                            "tags; {}",
+                            otherwise));
+  options
+      .value("--vectors-attribution", attribution_, "TEXT",
+             "what their licence asks to be shown; default for .osm.pbf: OpenStreetMap's")
+      .needs("--vectors");
+  options.value("--vectors-licence", licence_, "ID", "SPDX identifier of their licence; default for .osm.pbf: ODbL-1.0")
+      .needs("--vectors");
+}
+
+std::optional<VectorRequest> VectorOptions::request() const {
+  if (!file_) return std::nullopt;
+  return VectorRequest{*file_, attribution_, licence_};
+}
+
+nlohmann::json json_of(const VectorFacts& vectors) {
+  return {{"attribution", vectors.attribution},
+          {"licence", vectors.licence},
+          {"roads", vectors.roads},
+          {"water", vectors.water},
+          {"woods", vectors.woods},
+          {"buildings", vectors.buildings}};
+}
+
+std::string text_of(const VectorFacts& vectors) {
+  return fmt::format("{}, {} of water, {}, {}; {}, {}", count(vectors.roads, "road"), count(vectors.water, "feature"),
+                     count(vectors.woods, "wood"), count(vectors.buildings, "building"), printable(vectors.attribution),
+                     printable(vectors.licence));
 }
 
 }  // namespace nadir

@@ -1,10 +1,14 @@
 // The options that commands which make tiles from rasters have in common.
 #pragma once
 
+#include <filesystem>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "base/time.hpp"
+#include "package_build/vector_source.hpp"
 #include "raster/imagery_input.hpp"
 #include "raster/mosaic.hpp"
 
@@ -32,5 +36,20 @@ class ImageryOptions {
   std::optional<double> ce90_m_;
   std::optional<std::string> provider_;
 };
+
+// The vectors of a package.
+class VectorOptions {
+ public:
+  void setup(Options& options, std::string_view otherwise);  // what becomes of the package without them
+  std::optional<VectorRequest> request() const;
+
+ private:
+  std::optional<std::filesystem::path> file_;
+  std::optional<std::string> attribution_, licence_;
+};
+
+// "12 roads, 3 water, 4 woods, 56 buildings; © OpenStreetMap contributors, ODbL-1.0"
+std::string text_of(const VectorFacts& vectors);
+nlohmann::json json_of(const VectorFacts& vectors);
 
 }  // namespace nadir

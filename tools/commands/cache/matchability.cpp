@@ -50,6 +50,8 @@ is good where a single frame may match on its own, weak where a healthy predicti
 and poor where no match is to be expected: water, bare fields, repetitive rows. Reports the longest
 route segments without a good place.
 
+Where the package has vectors (`cache build --vectors`), areas of water are no ground to match with.
+
 --out writes a GeoTIFF in EPSG:3857 with the bands ratio, entropy, texture, class, score and valid.
 --into-package adds it to the package, as a file that is signed and verified like every other; a
 package that does not match its manifest is rejected. The package changes in one step or not at
@@ -95,8 +97,9 @@ int CacheMatchabilityCommand::put_into_package(Context& context) {
   const Findings findings = check_before_signing(subject_, context.progress);
   if (findings.has_errors()) return report_findings(context.out, context.json, findings);
   const Mission mission = read_mission(subject_ / kMissionFile);
-  const MatchabilityResult result =
-      make_matchability(find_tile_set(subject_).tiles, mission, request_, context.progress);
+  const std::optional<VectorLayer> vectors = read_package_vectors(subject_, manifest);
+  const MatchabilityResult result = make_matchability(find_tile_set(subject_).tiles, mission,
+                                                      vectors ? &*vectors : nullptr, request_, context.progress);
   const Amendment amendment{{kRoleMatchability}, [&](const std::filesystem::path& folder) {
                               std::filesystem::create_directories((folder / kMatchabilityFile).parent_path());
                               write_matchability_tiff(result.map, folder / kMatchabilityFile);
@@ -132,7 +135,10 @@ int CacheMatchabilityCommand::run(Context& context) {
                       .expected = "--mission MISSION.yaml, or a package, which contains its mission"});
   }
   const Mission mission = read_mission(mission_.value_or(own_mission));
-  const MatchabilityResult result = make_matchability(tiles, mission, request_, context.progress);
+  std::optional<VectorLayer> vectors;
+  if (manifest) vectors = read_package_vectors(subject_, *manifest);
+  const MatchabilityResult result =
+      make_matchability(tiles, mission, vectors ? &*vectors : nullptr, request_, context.progress);
   if (out_) write_matchability_tiff(result.map, *out_);
   if (context.json) {
     print_json(context.out, json_of(result));

@@ -7,7 +7,12 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "base/digest.hpp"
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "base/plural.hpp"
 #include "package/tile_container.hpp"
+#include "package_build/water_mask.hpp"
 #include "vision/camera.hpp"
 #include "vision/localizer_parameters.hpp"
 #include "vision/map_matcher.hpp"
@@ -65,8 +70,23 @@ void MatchabilityRequest::declare(Options& options) {
   options.value("--threads", threads, "N", "threads; default: one per processor").between(1, 256);
 }
 
+std::optional<VectorLayer> read_package_vectors(const std::filesystem::path& package, const Manifest& manifest) {
+  const Artifact* artifact = manifest.artifact(kRoleVectors);
+  if (artifact == nullptr) return std::nullopt;
+  const Bytes bytes = read_file(package / artifact->path, kMaxVectors_bytes);
+  if (const Sha256 found = sha256(bytes); found != artifact->sha256) {
+    throw Error({.what = "the package's vectors are not those of its manifest",
+                 .where = package / artifact->path,
+                 .expected = artifact->sha256.hex(),
+                 .found = found.hex(),
+                 .fix = "get the package again from its source"});
+  }
+  return parse_vectors(bytes, artifact->path);
+}
+
 MatchabilityResult make_matchability(const std::filesystem::path& tiles, const Mission& mission,
-                                     const MatchabilityRequest& request, Progress& progress) {
+                                     const VectorLayer* vectors, const MatchabilityRequest& request,
+                                     Progress& progress) {
   const std::unique_ptr<TileSource> source = open_tile_source(tiles);
   const LocalFrame frame = mission_frame(mission);
   const double map_gsd_m = ground_resolution_m(source->zooms().max, mission.takeoff.lat_deg);
@@ -75,7 +95,10 @@ MatchabilityResult make_matchability(const std::filesystem::path& tiles, const M
   result.step_m = request.step_m;
   result.cruise_mps = request.cruise_mps;
   const int threads = request.threads.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
-  result.map = survey_matchability(*source, required_region(mission, frame), frame, mission.zoom.max, request.step_m,
+  const VectorLayer none;
+  const WaterMaskedTiles ground(*source, vectors == nullptr ? none : *vectors);
+  if (vectors != nullptr) result.water_areas = ground.areas();
+  result.map = survey_matchability(ground, required_region(mission, frame), frame, mission.zoom.max, request.step_m,
                                    result.options, threads, progress);
   result.summary = summarize_matchability(result.map, mission.route.points, frame);
   return result;
@@ -88,6 +111,10 @@ Figures figures_of(const MatchabilityResult& result) {
   for (const MatchClass cls : kClasses) {
     figures.emplace_back(name_of(cls), fmt::format("{} of the places, {} of the route", percent(summary.share(cls)),
                                                    percent(summary.route_share(cls))));
+  }
+  if (result.water_areas) {
+    figures.emplace_back("water", fmt::format("{} of the package's vectors: no ground to match with",
+                                              count(*result.water_areas, "area")));
   }
   figures.emplace_back("longest segment without a good place",
                        summary.without_good.empty() ? std::string("none: the whole route is good")
@@ -110,6 +137,7 @@ json json_of(const MatchabilityResult& result) {
     document["share"][name_of(cls)] = rounded(summary.share(cls), 1e4);
     document["route_share"][name_of(cls)] = rounded(summary.route_share(cls), 1e4);
   }
+  if (result.water_areas) document["water_areas"] = *result.water_areas;
   json& stretches = document["without_good"] = json::array();
   for (const RouteSection& stretch : summary.without_good) {
     json item{{"length_m", rounded(stretch.length_m, 10)},

@@ -10,6 +10,7 @@
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "package/mission.hpp"
+#include "package/vector_layer.hpp"
 #include "package_build/matchability_survey.hpp"
 
 namespace nadir {
@@ -32,11 +33,17 @@ struct MatchabilityResult {
   MatchabilityOptions options;
   double step_m = 0;
   std::optional<double> cruise_mps;
+  std::optional<std::size_t> water_areas;  // that were masked; none: without vectors
 };
 
-// The limits are the flight's gates (vision/localizer_parameters.hpp).
+// The limits are the flight's gates (vision/localizer_parameters.hpp). vectors: of the package, null without them;
+// their water is no ground to match with (package_build/water_mask.hpp).
 MatchabilityResult make_matchability(const std::filesystem::path& tiles, const Mission& mission,
-                                     const MatchabilityRequest& request, Progress& progress);
+                                     const VectorLayer* vectors, const MatchabilityRequest& request,
+                                     Progress& progress);
+
+// Of a package's folder; none where it has none. Throws Error where they differ from their digest, or cannot be read.
+std::optional<VectorLayer> read_package_vectors(const std::filesystem::path& package, const Manifest& manifest);
 
 Figures figures_of(const MatchabilityResult& result);
 nlohmann::json json_of(const MatchabilityResult& result);

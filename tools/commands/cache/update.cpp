@@ -38,6 +38,7 @@ class CacheUpdateCommand final : public Command {
   std::vector<std::filesystem::path> imagery_;
   std::vector<std::string> stretches_;
   std::optional<std::filesystem::path> dem_;
+  VectorOptions vectors_;
   int quality_ = 75;
   std::optional<std::string> format_;
   bool index_ = false;
@@ -59,7 +60,8 @@ The result is checked as a build's is: gaps, age, resolution, budget. On rejecti
 printed, the exit code is 1 and no output is left behind. The same inputs and the same key give the
 same bytes.
 
-The terrain is that of the old package unless --dem gives another; newer roots of trust in it are
+The terrain is that of the old package unless --dem gives another, the vectors unless --vectors
+does; newer roots of trust in it are
 carried over. A place index belongs to the old tiles: --index rebuilds it with squares of the same
 sizes. The container is that of the old package unless --format selects the other one; tiles are
 copied either way.)";
@@ -78,6 +80,7 @@ void CacheUpdateCommand::setup(Options& options) {
   options.values("--stretch", stretches_, "MIN,MAX",
                  "values of 16-bit or float imagery that become black and white, as for `cache build`");
   options.value("--dem", dem_, "FILE", "elevation model instead of the old package's terrain");
+  vectors_.setup(options, "without it those of the old package stay as they are");
   options.value("--quality", quality_, "N", "quality of JPEG and WebP tiles that are re-encoded").between(1, 100);
   options.value("--format", format_, "FORMAT", "tile container, instead of the old package's")
       .one_of({"mbtiles", "cog"});
@@ -101,6 +104,7 @@ int CacheUpdateCommand::run(Context& context) {
   request.overrides = options_.overrides();
   for (const std::string& text : stretches_) request.stretches.push_back(parse_stretch(text));
   request.dem = dem_;
+  request.vectors = vectors_.request();
   request.tiles.encoding.quality = quality_;
   request.tiles.mosaic = options_.mosaic();
   request.tiles.threads = options_.threads();
@@ -141,6 +145,7 @@ int CacheUpdateCommand::run(Context& context) {
                  {"re-encoded", std::to_string(counts.reencoded)},
                  {"added", std::to_string(counts.added)},
                  {"dropped", std::to_string(counts.dropped)},
+                 {"vectors", report.vectors ? text_of(*report.vectors) : std::string("none")},
                  {"size", fmt::format("{:.1f} MB", static_cast<double>(report.bytes) / 1e6)},
                  {"merkle root", report.merkle_root.hex()},
                  {"signed by", key ? key->public_key().id() : "unsigned"}});

@@ -12,6 +12,7 @@
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "commands/cache/cache_report.hpp"
+#include "commands/cache/imagery_options.hpp"
 #include "commands/cache/matchability_request.hpp"
 #include "commands/cache/tile_set_subject.hpp"
 #include "commands/commands.hpp"
@@ -112,13 +113,22 @@ int CacheVerifyCommand::report(Context& context, const Verification& verificatio
     figures.emplace_back("imagery", fmt::format("{}, {:.1f} MB in total", count(verification.tiles.size(), "tile"),
                                                 static_cast<double>(verification.bytes) / 1e6));
     figures.emplace_back("trust root", fmt::format("version {}", verification.root_version));
+    if (const Artifact* artifact = manifest.artifact(kRoleVectors); artifact != nullptr && artifact->vectors) {
+      more["vectors"] = json_of(*artifact->vectors);
+      figures.emplace_back("vectors", text_of(*artifact->vectors));
+    }
     for (const std::string& signer : verification.signers) figures.emplace_back("signed by", signer);
+  }
+  std::optional<VectorLayer> vectors;
+  if (verification.accepted() && (matchability_ || report_folder_)) {
+    vectors = read_package_vectors(package_, *verification.manifest);
   }
   // The tiles of a refused package are not worth the minutes, or not to be read at all.
   std::optional<MatchabilityResult> matchability;
   if (matchability_ && verification.accepted() && verification.mission) {
     const auto [tiles, manifest, mission] = find_tile_set(package_);
-    matchability = make_matchability(tiles, *verification.mission, matchability_request_, context.progress);
+    matchability = make_matchability(tiles, *verification.mission, vectors ? &*vectors : nullptr, matchability_request_,
+                                     context.progress);
     for (const auto& figure : figures_of(*matchability)) figures.push_back(figure);
     more["matchability"] = json_of(*matchability);
   }
@@ -130,7 +140,8 @@ int CacheVerifyCommand::report(Context& context, const Verification& verificatio
                                          .figures = figures,
                                          .mission = verification.mission,
                                          .tiles = verification.tiles,
-                                         .matchability = std::move(matchability)});
+                                         .matchability = std::move(matchability),
+                                         .vectors = std::move(vectors)});
   }
   if (!context.json) print_figures(context.out, figures);
   return report_findings(context.out, context.json, verification.findings, more);

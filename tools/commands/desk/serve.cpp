@@ -77,6 +77,12 @@ void DeskServeCommand::setup(Options& options) {
                  "raster, or folder of rasters, that packages may be made of; besides DIR/imagery");
   options.values("--dem", desk_.sources.elevation, "PATH", "elevation model, or folder of them; besides DIR/elevation");
   options.values("--camera", desk_.sources.cameras, "PATH", "camera file, or folder of them; besides DIR/cameras");
+  options.values(
+      "--vectors", desk_.sources.vectors, "PATH",
+      "roads, water, woods and buildings (.osm.pbf, GeoPackage, GeoJSON), or folder of them; besides DIR/vectors");
+  options.value("--vectors-attribution", desk_.sources.vectors_attribution, "TEXT",
+                "what the licence of vectors asks to be shown; .osm.pbf: OpenStreetMap's");
+  options.value("--vectors-licence", desk_.sources.vectors_licence, "ID", "SPDX identifier of their licence");
   options.values("--key", desk_.sources.keys, "KEY.pem",
                  "private key that packages may be signed with; only the command that signs reads it");
   options.value("--listen", listen_, "IP:PORT", "address of the page and the API; port 0 takes any free one");

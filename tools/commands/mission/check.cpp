@@ -43,7 +43,7 @@ std::string height_text(const Route& route) {
   if (!route.heights_m.empty()) {
     const auto [low, high] = std::minmax_element(route.heights_m.begin(), route.heights_m.end());
     text += fmt::format("; points {:g} to {:g} m ({:.0f} to {:.0f} ft), {}", *low, *high, *low / kMetresPerFoot,
-                        *high / kMetresPerFoot, name_of(route.height_frame));
+                        *high / kMetresPerFoot, height_frames_of(route));
   }
   return text;
 }

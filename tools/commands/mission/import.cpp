@@ -109,7 +109,7 @@ int MissionImportCommand::run(Context& context) {
   context.err << fmt::format(
       "{}: a route of {}{}, {}, {}; review the lines that end with \"# check\"\n", out_.string(),
       count(mission.route.points.size(), "point"),
-      mission.route.heights_m.empty() ? "" : fmt::format(" with heights ({})", name_of(mission.route.height_frame)),
+      mission.route.heights_m.empty() ? "" : fmt::format(" with heights ({})", height_frames_of(mission.route)),
       count(mission.sectors.size(), "sector"), count(mission.no_fly.size(), "no-fly area"));
   return kAccepted;
 }

@@ -19,10 +19,15 @@
 #include "cli/output.hpp"
 #include "commands/cache/imagery_options.hpp"
 #include "commands/commands.hpp"
+#include "navigability/navigability_parameters.hpp"
+#include "navigability/route_prediction.hpp"
 #include "package/mission.hpp"
 #include "package_build/build_estimate.hpp"
 #include "planning/planning_room.hpp"
+#include "planning/raster_tiles.hpp"
 #include "raster/stretch.hpp"
+#include "vision/camera.hpp"
+#include "vision/matchability.hpp"
 
 namespace nadir {
 namespace {
@@ -76,12 +81,14 @@ class MissionPlanCommand final : public Command {
 
  private:
   BuildEstimate sampled(const Mission& mission, const TileFormatFigures& figures, Context& context) const;
+  std::optional<RoutePrediction> predicted(const Mission& mission, Context& context) const;
 
   std::filesystem::path mission_;
   std::string tile_format_ = "jpeg";
   int quality_ = 75;
   std::vector<std::filesystem::path> imagery_;
   std::vector<std::string> stretches_;
+  std::optional<std::filesystem::path> camera_;
   ImageryOptions imagery_options_{"priority"};
 };
 
@@ -93,12 +100,17 @@ to 1.5 times the estimated megabytes. With --imagery up to 40 squares of 8 x 8 t
 and thrown away: the estimate is then within 10 % of the tiles and megabytes of the build. An
 estimate above the budget is a warning.
 
+With --camera as well, looks along the route are tried on the first raster as `mission predict` tries
+them on a package. A mission that no look is likely to anchor, because its frames are only a few
+pixels of the map wide or the imagery has nothing to match, is a warning.
+
 Exit codes: 0 estimated, 2 the mission is not valid.)";
 }
 
 std::string_view MissionPlanCommand::examples() const {
   return R"(nadir mission plan missions/demo-world.yaml
 nadir mission plan mission.yaml --imagery map.tif
+nadir mission plan mission.yaml --imagery map.tif --camera camera.yaml
 nadir mission plan mission.yaml --tile-format webp --threads 8 --json)";
 }
 
@@ -108,6 +120,7 @@ void MissionPlanCommand::setup(Options& options) {
   options.values("--imagery", imagery_, "FILE", "raster that the package would be made of: the estimate samples it");
   options.values("--stretch", stretches_, "MIN,MAX", "of 16-bit or float imagery, as for `cache build`");
   options.value("--quality", quality_, "N", "quality of JPEG and WebP tiles, with --imagery").between(1, 100);
+  options.value("--camera", camera_, "FILE.yaml", "camera of the flight: looks along the route are tried as well");
   imagery_options_.setup(options);
 }
 
@@ -125,6 +138,55 @@ BuildEstimate MissionPlanCommand::sampled(const Mission& mission, const TileForm
   return estimate_build(mission, figures, inputs, options, context.progress);
 }
 
+// Some looks along the route, over flat ground: the elevation model is not part of the plan.
+std::optional<RoutePrediction> MissionPlanCommand::predicted(const Mission& mission, Context& context) const {
+  if (!camera_ || imagery_.empty() || mission.route.points.empty()) return std::nullopt;
+  constexpr double kLooks = 40;
+  const RasterTiles tiles(imagery_.front());
+  PredictionOptions options;
+  options.camera = read_camera_file(*camera_).camera;
+  options.spacing_m = std::max(1.0, length_m(to_plane(mission_frame(mission), mission.route.points)) / kLooks);
+  options.at = context.clock.now();
+  options.threads = imagery_options_.threads();
+  return predict_route(mission, tiles, {}, nullptr, options, context.progress);
+}
+
+double mean_probability(const RoutePrediction& prediction) {
+  double sum = 0;
+  for (const PredictedLook& look : prediction.looks) sum += look.probability;
+  return prediction.looks.empty() ? 0 : sum / static_cast<double>(prediction.looks.size());
+}
+
+// A mission that no look is likely to anchor: by the size of its frames, or by what its imagery shows.
+Findings check_looks(const Mission& mission, const std::optional<CameraModel>& camera,
+                     const std::optional<RoutePrediction>& prediction) {
+  Findings findings;
+  if (mission.route.points.empty()) return findings;
+  const double footprint_m = camera ? square_footprint_m(*camera, mission.route.agl_m) : mission.route.agl_m;
+  const double pixel_m =
+      std::max(mission.min_resolution_m, ground_resolution_m(mission.zoom.max, mission.takeoff.lat_deg));
+  // Over ground that nothing resembles: the model's best.
+  ProbedGround best{.footprint_m = footprint_m, .gsd_m = pixel_m, .map_gsd_m = pixel_m, .valid = 1, .ratio = 0};
+  Finding finding{.code = "mission.unmatchable", .severity = Severity::warning, .where = "route"};
+  if (anchor_probability(best) < parameters::navigability::kPoorLook) {
+    finding.expected = "frames that show enough pixels of the map to be matched";
+    finding.found = fmt::format("frames of {:.0f} m at {:g} m above ground: {:.0f} pixels of {:.2f} m", footprint_m,
+                                mission.route.agl_m, footprint_m / pixel_m, pixel_m);
+    finding.fix = "fly higher, or use finer imagery with a higher zoom.max";
+    findings.add(std::move(finding));
+  } else if (prediction && mean_probability(*prediction) < parameters::navigability::kPoorLook) {
+    finding.expected = "ground along the route that frames can be matched with";
+    finding.found = fmt::format("{:.0f} % of {} along the route would anchor: {}", 100 * mean_probability(*prediction),
+                                count(prediction->looks.size(), "look"),
+                                prediction->legs.empty() ? "" : prediction->legs.front().reason);
+    finding.fix =
+        "another height, another route, or fresher imagery; `nadir mission predict` says more once the "
+        "package is built";
+    findings.add(std::move(finding));
+  }
+  return findings;
+}
+
 int MissionPlanCommand::run(Context& context) {
   const Mission mission = read_mission(mission_);
   const auto figures = tile_format_figures(tile_format_);
@@ -132,18 +194,28 @@ int MissionPlanCommand::run(Context& context) {
   const int threads = imagery_options_.threads();
   const BuildEstimate plan = imagery_.empty() ? estimate_build(mission, *figures) : sampled(mission, *figures, context);
   const double seconds = plan.cpu_seconds / threads;
-  const Findings findings = check_estimate(mission, plan);
+  Findings findings = check_estimate(mission, plan);
+  std::optional<CameraModel> camera;
+  if (camera_) camera = read_camera_file(*camera_).camera;
+  const std::optional<RoutePrediction> prediction = predicted(mission, context);
+  findings.add(check_looks(mission, camera, prediction));
   if (context.json) {
     json document = estimate_json(plan);
     document["mission"] = mission.id;
     document["budget_mb"] = mission.budget_mb;
     document["tile_format"] = tile_format_;
     document["build_minutes"] = seconds / 60;
+    if (prediction) document["anchored_looks"] = rounded(mean_probability(*prediction), 1000);
     document["bytes_per_tile"] = figures->bytes_per_tile;
     document["cpu_ms_per_tile"] = figures->cpu_ms_per_tile;
     return report_findings(context.out, true, findings, document);
   }
   print(context.out, mission, plan, *figures, seconds, threads);
+  if (prediction) {
+    print_figures(context.out, {{"looks", fmt::format("{:.0f} % of {} along the route would anchor",
+                                                      100 * mean_probability(*prediction),
+                                                      count(prediction->looks.size(), "look"))}});
+  }
   if (!findings.empty()) print_findings(context.out, findings);
   return kAccepted;
 }

@@ -37,8 +37,8 @@ class SimulateWorldCommand final : public Command {
 std::string_view SimulateWorldCommand::details() const {
   return R"(OUT receives ground.tif (the day of the flight), map.tif (the same land as a satellite saw it four
 months earlier: other crops, sun and sensor, some roofs and fields changed), dem.tif, their STAC
-Items, and a matching mission.yaml and camera.yaml. The same seed, size and ground sample distance
-give the same bytes.)";
+Items, vectors.geojson (roads, water, woods and buildings with OpenStreetMap's tags), and a matching
+mission.yaml and camera.yaml. The same seed, size and ground sample distance give the same bytes.)";
 }
 
 std::string_view SimulateWorldCommand::examples() const {

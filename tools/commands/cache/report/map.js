@@ -49,6 +49,8 @@ const drawMap = (host, onHover) => {
   host.setAttribute("role", "application");
   host.setAttribute("aria-label", "Map of coverage and freshness. Arrow keys move it, plus and minus zoom.");
 
+  // Above the tiles, which are drawn as shapes here, and beneath sectors and route.
+  if (map.vectors) makeVectorOverlay(shown, { place: at, zIndex: 420 }).show(map.vectors);
   const over = shown.createPane("over");  // lines and hatches: drawn by the style sheet, in both themes
   over.style.zIndex = 450;
   over.style.pointerEvents = "none";
