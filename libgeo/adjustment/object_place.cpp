@@ -19,6 +19,25 @@ namespace {
 namespace table = parameters::adjustment;
 using Vector3 = Eigen::Vector3d;
 
+// Products and eigenvectors of matrices of any size, compiled once: Eigen's own are instantiated for each pair of
+// types, which takes a compiler most of a minute.
+using View = Eigen::Ref<const Eigen::MatrixXd>;
+Eigen::MatrixXd product(const View& a, const View& b) {
+  Eigen::MatrixXd result(a.rows(), b.cols());
+  result.noalias() = a * b;
+  return result;
+}
+
+// Of a symmetric matrix, function(eigenvalue) in the place of each eigenvalue.
+template <typename Function>
+Eigen::MatrixXd with_eigenvalues(const View& symmetric, Function function) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(symmetric);
+  Eigen::MatrixXd scaled = solver.eigenvectors();
+  for (Eigen::Index i = 0; i < scaled.cols(); ++i) scaled.col(i) *= function(solver.eigenvalues()[i]);
+  const Eigen::MatrixXd transposed = solver.eigenvectors().transpose();
+  return product(scaled, transposed);
+}
+
 Vector3 centre_of(const CameraPose& pose, const GroundSurface& ground) {
   return {pose.position.east_m, pose.position.north_m, pose.agl_m + ground.height_m(pose.position)};
 }
@@ -79,7 +98,7 @@ class ObjectAdjustment {
 
   // At a point: residuals (pixels, and the height above ground), and their derivatives by the point and by the poses.
   Eigen::VectorXd residual_;
-  Eigen::Matrix<double, Eigen::Dynamic, 3> by_point_;
+  Eigen::MatrixXd by_point_;
   std::vector<Eigen::Matrix<double, 2, 6>> by_pose_;
 };
 
@@ -105,9 +124,9 @@ std::variant<Vector3, LocationProblem> ObjectAdjustment::start() const {
     }
   }
   if (hits > 0) return Vector3(sum / static_cast<double>(hits));
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> parallax(normal);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parallax(normal);
   if (parallax.eigenvalues()[0] < table::kMinParallax_rad * table::kMinParallax_rad) return problem;
-  return Vector3(normal.ldlt().solve(right));
+  return Vector3(normal.inverse() * right);
 }
 
 // False when the point is not in front of every camera.
@@ -123,8 +142,9 @@ bool ObjectAdjustment::linearize(const Vector3& at) {
     Eigen::Matrix<double, 2, 3> by_camera;
     const auto row = static_cast<Eigen::Index>(2 * i);
     residual_.segment<2>(row) = lens_.project(p, 0, camera_.distortion.data(), &by_camera, nullptr, nullptr) - s.pixel;
-    by_point_.middleRows<2>(row) = by_camera * camera_from_world;
-    by_pose_[i].leftCols<3>() = -by_camera * camera_from_world;
+    const Eigen::Matrix<double, 2, 3> by_world = by_camera * camera_from_world;
+    by_point_.middleRows<2>(row) = by_world;
+    by_pose_[i].leftCols<3>() = -by_world;
     by_pose_[i].rightCols<3>() = by_camera * skew(p);
   }
   const Eigen::Vector2d slope = slope_of(ground_, at.x(), at.y());
@@ -139,9 +159,8 @@ Eigen::MatrixXd ObjectAdjustment::variance(const std::optional<Eigen::MatrixXd>&
   std::vector<PoseCovariance> roots;
   if (common) {
     for (const SightedFrame& frame : frames_) {
-      const Eigen::SelfAdjointEigenSolver<PoseCovariance> solver(frame.covariance);
-      roots.push_back(solver.eigenvectors() * solver.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal() *
-                      solver.eigenvectors().transpose());
+      roots.emplace_back(
+          with_eigenvalues(frame.covariance, [](double value) { return std::sqrt(std::max(value, 0.0)); }));
     }
   }
   Eigen::MatrixXd v = Eigen::MatrixXd::Zero(rows(), rows());
@@ -167,22 +186,23 @@ Eigen::MatrixXd ObjectAdjustment::variance(const std::optional<Eigen::MatrixXd>&
 
 // χ² by Wilson and Hilferty's approximation, and the sighting that the others contradict most.
 void ObjectAdjustment::test(const Eigen::MatrixXd& weight, LocatedObject& object) const {
-  object.chi2 = residual_.dot(weight * residual_);
+  object.chi2 = residual_.dot(product(weight, residual_).col(0));
   object.degrees_of_freedom = static_cast<int>(rows()) - 3;
   if (object.degrees_of_freedom == 0) return;
   const double dof = object.degrees_of_freedom, spread = 2 / (9 * dof);
   object.agrees = std::cbrt(object.chi2 / dof) <= 1 - spread + table::kAgreement * std::sqrt(spread);
   if (object.agrees) return;
   // Of the residuals weighted: their covariance is W - W J (Jᵀ W J)⁻¹ Jᵀ W.
-  const Eigen::Matrix<double, Eigen::Dynamic, 3> wj = weight * by_point_;
-  const Eigen::Matrix3d normal = by_point_.transpose() * wj;
-  const Eigen::VectorXd weighted = weight * residual_;
+  const Eigen::MatrixXd wj = product(weight, by_point_);
+  const Eigen::Matrix3d inverse = Eigen::Matrix3d(product(by_point_.transpose(), wj)).inverse();
+  const Eigen::MatrixXd weighted = product(weight, residual_);
   double most = -1;
   for (std::size_t i = 0; i < sightings_.size(); ++i) {
     const auto row = static_cast<Eigen::Index>(2 * i);
     const Eigen::Matrix<double, 2, 3> part = wj.middleRows<2>(row);
-    const Eigen::Matrix2d spread_of = weight.block<2, 2>(row, row) - part * normal.ldlt().solve(part.transpose());
-    const double contradiction = weighted.segment<2>(row).dot(spread_of.ldlt().solve(weighted.segment<2>(row)));
+    const Eigen::Matrix2d spread_of = weight.block<2, 2>(row, row) - part * inverse * part.transpose();
+    const Eigen::Vector2d off = weighted.block<2, 1>(row, 0);
+    const double contradiction = off.dot(spread_of.inverse() * off);
     if (contradiction > most) {
       most = contradiction;
       object.worst = i;
@@ -199,9 +219,10 @@ std::variant<LocatedObject, LocationProblem> ObjectAdjustment::locate(const std:
   Eigen::Matrix3d inverse;
   for (int i = 0; i < table::kObjectIterations; ++i) {
     weight = variance(joint, false).llt().solve(Eigen::MatrixXd::Identity(rows(), rows()));
-    inverse = (by_point_.transpose() * weight * by_point_).inverse();
+    const Eigen::MatrixXd jtw = product(by_point_.transpose(), weight);
+    inverse = Eigen::Matrix3d(product(jtw, by_point_)).inverse();
     if (!inverse.allFinite()) return LocationProblem::diverging;
-    const Vector3 step = -inverse * (by_point_.transpose() * weight * residual_);
+    const Vector3 step = -inverse * Vector3(product(jtw, residual_));
     at += step;
     if (!at.allFinite() || !linearize(at)) return LocationProblem::diverging;
     if (step.norm() < table::kObjectConverged_m) break;
@@ -211,14 +232,16 @@ std::variant<LocatedObject, LocationProblem> ObjectAdjustment::locate(const std:
   object.height_m = at.z();
   test(weight, object);
   // Of the estimate -inverse Jᵀ W r under the errors as they may be.
-  const Eigen::Matrix<double, 3, Eigen::Dynamic> gain = inverse * by_point_.transpose() * weight;
-  object.covariance_m2 = gain * variance(joint, false) * gain.transpose();
+  const Eigen::MatrixXd gain = product(product(inverse, by_point_.transpose()), weight);
+  const auto propagated = [&](const Eigen::MatrixXd& v) -> Eigen::Matrix3d {
+    return product(product(gain, v), gain.transpose());
+  };
+  object.covariance_m2 = propagated(variance(joint, false));
   if (!joint) {
     // What common errors would add, in the directions where they add something.
-    const Eigen::Matrix3d more = gain * variance(joint, true) * gain.transpose() - object.covariance_m2;
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(0.5 * (more + more.transpose()));
+    const Eigen::Matrix3d more = propagated(variance(joint, true)) - object.covariance_m2;
     object.covariance_m2 +=
-        solver.eigenvectors() * solver.eigenvalues().cwiseMax(0).asDiagonal() * solver.eigenvectors().transpose();
+        with_eigenvalues(0.5 * (more + more.transpose()), [](double value) { return std::max(value, 0.0); });
   }
   if (!object.agrees) object.covariance_m2 *= std::max(1.0, object.chi2 / object.degrees_of_freedom);
   object.covariance_m2 = (0.5 * (object.covariance_m2 + object.covariance_m2.transpose())).eval();
