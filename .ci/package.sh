@@ -5,7 +5,7 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 packages=build/packages
-export SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(dpkg-parsechangelog -l packaging/debian/changelog -STimestamp)}
+export SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(dpkg-parsechangelog -l cmake/packaging/debian/changelog -STimestamp)}
 export TZ=UTC LC_ALL=C.UTF-8
 umask 022
 
@@ -19,7 +19,7 @@ pack() { # FOLDER
 cmake --build build --target nadir_pages -- --quiet
 rm -rf "$packages"
 pack "$packages"
-python3 -B packaging/sbom.py build "$packages"
+python3 -B cmake/packaging/sbom.py build "$packages"
 (cd "$packages" && sha256sum -- *.deb *.spdx.json >SHA256SUMS && cat SHA256SUMS)
 [[ ${1:-} == --check ]] || exit 0
 
@@ -31,4 +31,4 @@ for package in "$packages"/*.deb; do
 done
 echo "package: a second build has the same bytes"
 lintian --fail-on error --tag-display-limit 0 "$packages"/*.deb
-packaging/check.sh "$packages"
+cmake/packaging/check.sh "$packages"

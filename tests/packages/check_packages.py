@@ -79,9 +79,9 @@ def check_contents(root, deb):
     for word in FORBIDDEN:
         if word in field(deb, "Depends"):
             yield f"nadird depends on {word}"
-    newest = re.match(r"nadir \(([^)]*)\)", (root / "packaging/debian/changelog").read_text())[1]
+    newest = re.match(r"nadir \(([^)]*)\)", (root / "cmake/packaging/debian/changelog").read_text())[1]
     if field(deb, "Version") != newest:
-        yield f"the version is {field(deb, 'Version')}, of packaging/debian/changelog {newest}"
+        yield f"the version is {field(deb, 'Version')}, of cmake/packaging/debian/changelog {newest}"
 
 
 def check_in_copy(deb, folder):

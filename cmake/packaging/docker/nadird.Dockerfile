@@ -1,5 +1,5 @@
 # nadird in a container: ./run package, then
-#   docker build -f packaging/docker/nadird.Dockerfile -t nadird build/packages
+#   docker build -f cmake/packaging/docker/nadird.Dockerfile -t nadird build/packages
 # Run it with the aircraft's files and devices, without systemd: docs/install.md has the command.
 FROM debian:12-slim
 COPY nadird_*.deb /tmp/packages/

@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# packaging/check.sh PACKAGES: installs the Debian packages of a folder in a fresh Debian 12, uses them as docs/install.md
+# cmake/packaging/check.sh PACKAGES: installs the Debian packages of a folder in a fresh Debian 12, uses them as docs/install.md
 # says, upgrades, removes and purges them. Needs root, mmdebstrap and Debian's mirror; what it makes lies below TMPDIR
 # and is removed. NADIR_MIRROR: another mirror.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
-packages=$(cd "${1:?usage: packaging/check.sh PACKAGES}" && pwd)
+packages=$(cd "${1:?usage: cmake/packaging/check.sh PACKAGES}" && pwd)
 [[ $(id -u) == 0 ]] || { echo "NOT TESTED: a fresh Debian 12: that takes root" >&2; exit 77; }
 command -v mmdebstrap >/dev/null || { echo "NOT TESTED: a fresh Debian 12: mmdebstrap is not installed" >&2; exit 77; }
 
@@ -90,7 +90,7 @@ left=$(comm -13 "$work/files-before" <(listing))
 say "nadird: installed, upgraded, removed, purged; no file is left"
 
 # --- the images: their own steps, in a fresh system each ----------------------------------------------------------------
-image() { # NAME: the COPY and RUN of packaging/docker/NAME.Dockerfile
+image() { # NAME: the COPY and RUN of cmake/packaging/docker/NAME.Dockerfile
   fresh "image-$1"
   local line step=''
   while IFS= read -r line; do

@@ -1,5 +1,5 @@
 # The planner's program in a container: ./run package, then
-#   docker build -f packaging/docker/nadir.Dockerfile -t nadir build/packages
+#   docker build -f cmake/packaging/docker/nadir.Dockerfile -t nadir build/packages
 #   docker run --rm -v "$PWD:/work" -u "$(id -u)" nadir cache verify package --trust root.json
 FROM debian:12-slim
 COPY nadir_*.deb /tmp/packages/
