@@ -5,6 +5,7 @@ packages_build=(
   cmake                      # the build system
   ninja-build                # the build tool that cmake drives
   ccache                     # a second build compiles only what changed
+  mold                       # links the tests
   pkg-config                 # finds GeographicLib and WebP
   libfmt-dev                 # text formatting (gcc 12 has no std::format)
   libcli11-dev               # command line parsing

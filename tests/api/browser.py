@@ -1,9 +1,11 @@
 """A headless chromium over its debugging pipe: no port, no web socket, no package beyond the standard library."""
+import atexit
 import base64
 import importlib.util
 import json
 import os
 import pathlib
+import select
 import shutil
 import subprocess
 import tempfile
@@ -22,57 +24,89 @@ def find_axe():
     return (pathlib.Path(package.origin).parent / "axe.min.js").read_text() if package else None
 
 
-class Browser:
-    def __init__(self, width, height, mobile=False):
+class Chromium:
+    """One process for all pages of a test program: most of a short test would be its start."""
+
+    running = None
+
+    @classmethod
+    def shared(cls):
+        if cls.running is None:
+            cls.running = cls()
+            atexit.register(cls.running.end)
+        return cls.running
+
+    def __init__(self):
         self._profile = tempfile.mkdtemp(prefix="nadir-browser.")
         to_browser, self._out = os.pipe()
         self._in, from_browser = os.pipe()
         command = [find_chromium(), "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
                    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-extensions",
-                   "--hide-scrollbars", "--disable-dev-shm-usage", f"--user-data-dir={self._profile}", "--remote-debugging-pipe", "about:blank"]
+                   "--hide-scrollbars", "--disable-dev-shm-usage", "--no-startup-window", f"--user-data-dir={self._profile}",
+                   "--remote-debugging-pipe"]
         # The browser reads from handle 3 and writes to handle 4.
         self._process = subprocess.Popen(["bash", "-c", f'exec "$@" 3<&{to_browser} 4>&{from_browser}', "browser", *command],
                                          pass_fds=(to_browser, from_browser), stdin=subprocess.DEVNULL,
                                          stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         os.close(to_browser)
         os.close(from_browser)
-        os.set_blocking(self._in, False)
-        self._rest, self._last_id, self.messages = b"", 0, []
-        target = self._ask("Target.createTarget", {"url": "about:blank"}, session=None)["targetId"]
-        self._session = self._ask("Target.attachToTarget", {"targetId": target, "flatten": True}, session=None)["sessionId"]
-        for domain in ("Page", "Runtime", "Log", "Network"):
-            self._ask(f"{domain}.enable", {})
-        self._ask("Emulation.setDeviceMetricsOverride",
-                  {"width": width, "height": height, "deviceScaleFactor": 2 if mobile else 1, "mobile": mobile})
+        self._rest, self._last_id = b"", 0
+        self.heard = {}  # what each session said by itself
 
-    _session = None
-
-    def _ask(self, method, params, session=True):
+    def ask(self, method, params, session=None):
         self._last_id += 1
         message = {"id": self._last_id, "method": method, "params": params}
-        if session and self._session:
-            message["sessionId"] = self._session
+        if session:
+            message["sessionId"] = session
         os.write(self._out, json.dumps(message).encode() + b"\0")
         deadline = time.monotonic() + PATIENCE_S
-        while time.monotonic() < deadline:
-            for answer in self._read():
+        while (left_s := deadline - time.monotonic()) > 0:
+            found = None
+            for answer in self._read(left_s):
                 if answer.get("id") == self._last_id:
-                    if "error" in answer:
-                        raise RuntimeError(f"{method}: {answer['error']}")
-                    return answer["result"]
-                self.messages.append(answer)
+                    found = answer
+                elif answer.get("sessionId") in self.heard:
+                    self.heard[answer["sessionId"]].append(answer)
+            if found:
+                if "error" in found:
+                    raise RuntimeError(f"{method}: {found['error']}")
+                return found["result"]
         raise TimeoutError(method)
 
-    def _read(self):
-        try:
+    def _read(self, patience_s):
+        if select.select([self._in], [], [], patience_s)[0]:
             piece = os.read(self._in, 1 << 20)
             if not piece:
                 raise RuntimeError("the browser has ended")
             self._rest += piece
-        except BlockingIOError:
-            time.sleep(0.02)
         *whole, self._rest = self._rest.split(b"\0")
         return [json.loads(text) for text in whole]
+
+    def end(self):
+        self._process.terminate()
+        self._process.wait()
+        os.close(self._in)
+        os.close(self._out)
+        shutil.rmtree(self._profile, ignore_errors=True)
+
+
+class Browser:
+    """A page in a context of its own: no other test's storage, cache or cookies."""
+
+    def __init__(self, width, height, mobile=False):
+        self._chromium = Chromium.shared()
+        self._context = self._chromium.ask("Target.createBrowserContext", {})["browserContextId"]
+        target = self._chromium.ask("Target.createTarget", {"url": "about:blank", "browserContextId": self._context})["targetId"]
+        self._session = self._chromium.ask("Target.attachToTarget", {"targetId": target, "flatten": True})["sessionId"]
+        self.messages = self._chromium.heard.setdefault(self._session, [])
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self._ask(f"{domain}.enable", {})
+        self._ask("Emulation.setFocusEmulationEnabled", {"enabled": True})  # whatever other pages are open
+        self._ask("Emulation.setDeviceMetricsOverride",
+                  {"width": width, "height": height, "deviceScaleFactor": 2 if mobile else 1, "mobile": mobile})
+
+    def _ask(self, method, params):
+        return self._chromium.ask(method, params, self._session)
 
     def open(self, url):
         self._ask("Page.navigate", {"url": url})
@@ -145,8 +179,5 @@ class Browser:
         path.write_bytes(base64.b64decode(shot["data"]))
 
     def close(self):
-        self._process.terminate()
-        self._process.wait()
-        os.close(self._in)
-        os.close(self._out)
-        shutil.rmtree(self._profile, ignore_errors=True)
+        self._chromium.ask("Target.disposeBrowserContext", {"browserContextId": self._context})
+        del self._chromium.heard[self._session]

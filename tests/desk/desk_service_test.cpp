@@ -178,15 +178,17 @@ TEST_F(DeskServiceTest, AnotherPackageBlocksAFlightUntilItsOwnIsBack) {
   close();
   std::filesystem::rename(options.root / "packages/valley", folder / "away");
   open();
-  send(flight, test::flight_pictures(test::Course::smooth));
+  auto pictures = test::flight_pictures(test::Course::smooth);
+  pictures.resize(2);  // too few to ask why they match nowhere
+  send(flight, pictures);
   auto document = settled(flight);
   EXPECT_EQ(document["state"], "blocked");
   EXPECT_THAT(document["reason"].get<std::string>(), HasSubstr("no such package"));
   std::filesystem::rename(folder / "away", options.root / "packages/valley");
-  send(flight, test::flight_pictures(test::Course::smooth));  // all known; tried again
+  send(flight, pictures);  // all known; tried again
   document = settled(flight);
   EXPECT_EQ(document["state"], "idle") << document;
-  EXPECT_EQ(document["pictures"]["processed"], 5);
+  EXPECT_EQ(document["pictures"]["processed"], 2);
 }
 
 // ---- Over a real socket

@@ -36,18 +36,23 @@ void process_wholly(FlightStore& store, Course course) {
   engine.complete();
 }
 
-// Of a flight that nothing interrupts.
-const std::string& uninterrupted(Course course) {
-  static std::map<Course, std::string> results;
-  std::string& result = results[course];
-  if (result.empty()) {
-    const TemporaryFolder temporary;
-    const auto store = stored_flight(temporary / "flight", course);
+// A flight that nothing interrupts; to be read only.
+struct WholeFlight {
+  explicit WholeFlight(Course course) : store(stored_flight(folder / "flight", course)) {
     process_wholly(*store, course);
-    result = written_out(*store);
+    text = written_out(*store);
   }
-  return result;
+  const TemporaryFolder folder;
+  const std::unique_ptr<FlightStore> store;
+  std::string text;
+};
+
+const WholeFlight& whole_flight(Course course) {
+  static std::map<Course, WholeFlight> flights;
+  return flights.try_emplace(course, course).first->second;
 }
+
+const std::string& uninterrupted(Course course) { return whole_flight(course).text; }
 
 std::vector<FlightEventKind> kinds(const FlightStore& store) {
   std::vector<FlightEventKind> kinds;
@@ -166,7 +171,7 @@ TEST(FlightEngine, KilledAtRandomMomentsItGoesOnWithTheSameEstimates) {
   stored_flight(folder, Course::eventful).reset();
   Random random(23);
   int kills = 0;
-  for (int run = 0; run < 25; ++run) {
+  for (int run = 0; run < 15; ++run) {
     const std::string program = NADIR_KILLED_FLIGHT, where = folder.string();
     const pid_t child = ::fork();
     if (child == 0) {
@@ -239,9 +244,7 @@ TEST(FlightEngine, ABatchIsStoredWhileFramesAreProcessed) {
 }
 
 TEST(FlightEngine, SegmentsAndEventsTellWhatHappened) {
-  const TemporaryFolder temporary;
-  const auto store = stored_flight(temporary / "flight", Course::smooth);
-  process_wholly(*store, Course::smooth);
+  const auto& store = whole_flight(Course::smooth).store;
   using enum FlightEventKind;
   EXPECT_EQ(kinds(*store),
             (std::vector{flight_created, pictures_accepted, segment_started, segment_anchored, flight_completed}));
@@ -260,9 +263,7 @@ TEST(FlightEngine, SegmentsAndEventsTellWhatHappened) {
 }
 
 TEST(FlightEngine, AnEventfulFlightHasSegments) {
-  const TemporaryFolder temporary;
-  const auto store = stored_flight(temporary / "flight", Course::eventful);
-  process_wholly(*store, Course::eventful);
+  const auto& store = whole_flight(Course::eventful).store;
   const auto segments = store->segments();
   ASSERT_GE(segments.size(), 3U);
   for (std::size_t i = 0; i < segments.size(); ++i) {

@@ -14,7 +14,8 @@ namespace {
 
 using ::testing::HasSubstr;
 
-// Twelve frames as they were really taken; a test states them wrongly.
+// Twelve frames as they were really taken, at 28 m/s: windows grow with the time between frames. A test states them
+// wrongly.
 struct WronglyStated {
   CameraFile camera = flight_camera();
   LocalFrame frame{kOrigin};
@@ -33,6 +34,7 @@ struct WronglyStated {
     static const std::vector<Moment> moments = nadir::test::flight(12);
     for (const Moment& moment : moments) {
       telemetry.push_back(moment.telemetry);
+      telemetry.back().time_s = 10 + 0.9 * static_cast<double>(images.size());
       images.push_back(moment.image);
     }
     flight.telemetry = telemetry;
@@ -40,12 +42,16 @@ struct WronglyStated {
   WronglyStated(const WronglyStated&) = delete;
   WronglyStated& operator=(const WronglyStated&) = delete;
 
+  // Six frames suffice to find nothing, and a small area.
   void photograph_another_place() {
     static const Landscape elsewhere(77, 220);
     static const std::vector<Moment> moments = nadir::test::flight(12);
+    images.resize(6);
     for (std::size_t i = 0; i < images.size(); ++i) {
       images[i] = photograph(elsewhere.ground(), camera.camera, moments[i].truth);
     }
+    flight.telemetry = std::span(telemetry).first(images.size());
+    flight.area = PlaneBox{-130, -130, 130, 130};
   }
   std::optional<NoFixDiagnosis> diagnosis() const {
     return diagnose_no_fix(flight, {.elapsed_s = [] { return 0.0; }});

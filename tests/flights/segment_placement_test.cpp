@@ -69,7 +69,8 @@ void expect_right(const SegmentPlacementResult& result, const SegmentWorld::Segm
 TEST(SegmentPlacement, FindsTheSegmentOnAMapThatIsHalfOld) {
   for (const std::uint64_t seed : {1U, 2U}) {
     const SegmentWorld world(seed, kOldMap);
-    expect_right(world.place(world.segment(1, 9), MapHole::none), world.segment(1, 9));
+    const auto segment = world.segment(1, 9);
+    expect_right(world.place(segment, MapHole::none), segment);
   }
 }
 

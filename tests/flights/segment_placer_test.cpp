@@ -18,6 +18,8 @@ using Scope = SegmentPlacer::Scope;
 
 const FlightEngineOptions kFixedClock{.clock = [] { return kNow; }, .keep_looks = true};
 
+constexpr int kLeastFrames = 7;  // that show ground enough to be placed
+
 std::vector<nlohmann::json> bodies(const FlightStore& store, FlightEventKind kind) {
   std::vector<nlohmann::json> bodies;
   for (const EventRow& row : store.events_after(0, 10'000)) {
@@ -75,7 +77,7 @@ TEST(SegmentPlacer, MergesAFloatingSegmentAndShowsItsFramesAsRefined) {
 TEST(SegmentPlacer, WhatAPersonTakesBackFloatsForEver) {
   const TemporaryFolder temporary;
   {
-    const auto store = floating_flight(temporary / "flight");
+    const auto store = floating_flight(temporary / "flight", kLeastFrames);
     FlightEngine engine(*store, floating_setup(), kFixedClock);
     engine.process();
     EXPECT_FALSE(store->take_back_merge(0, "test", kNow));
@@ -121,12 +123,12 @@ TEST(SegmentPlacer, WhatCannotBePlacedIsAskedOnceWithCandidates) {
 
 TEST(SegmentPlacer, ASegmentThatGoesOnFloatsAgainUntilItIsPlacedAgain) {
   const TemporaryFolder temporary;
-  const auto store = floating_flight(temporary / "flight", 7);
+  const auto store = floating_flight(temporary / "flight", kLeastFrames);
   FlightEngine engine(*store, floating_setup(), kFixedClock);
   engine.process();
   place_all(engine, Scope::all);
   ASSERT_EQ(store->segments()[0].state, SegmentState::merged);
-  add_floating_pictures(*store, 7, 9);
+  add_floating_pictures(*store, kLeastFrames, kLeastFrames + 2);
   EXPECT_EQ(engine.process(), 2U);
   EXPECT_EQ(store->segments()[0].state, SegmentState::floating);
   EXPECT_TRUE(store->placed_estimates().empty());
@@ -137,7 +139,7 @@ TEST(SegmentPlacer, ASegmentThatGoesOnFloatsAgainUntilItIsPlacedAgain) {
 
 TEST(SegmentPlacer, IsCancelled) {
   const TemporaryFolder temporary;
-  const auto store = floating_flight(temporary / "flight");
+  const auto store = floating_flight(temporary / "flight", kLeastFrames);
   FlightEngine engine(*store, floating_setup(), kFixedClock);
   engine.process();
   EXPECT_THROW(engine.place_segments(Scope::all, 1000, Cancel([] { return true; })), Interrupted);
@@ -152,9 +154,9 @@ TEST(SegmentPlacer, KilledAtEveryCommitItEndsWithTheSameFlight) {
     return run_process({NADIR_KILLED_FLIGHT, (temporary / folder).string(), "place", std::to_string(fatal_commit)})
         .code;
   };
-  floating_flight(temporary / "whole").reset();
+  floating_flight(temporary / "whole", kLeastFrames).reset();
   ASSERT_EQ(fly("whole", 0), 0);
-  floating_flight(temporary / "killed").reset();
+  floating_flight(temporary / "killed", kLeastFrames).reset();
   int kills = 0;
   for (int run = 0; run < 60; ++run) {
     if (fly("killed", run % 2 == 0 ? 1 : 2) == 0) break;
