@@ -34,7 +34,8 @@ class MissionsPage(support.EndToEnd):
         self.made = support.made_once("desk world", make_world)
         self.world = self.made / "world"
         self.desk = Desk(self.folder / "desk", self.made, "--imagery", self.world / "map.tif", "--dem", self.world / "dem.tif", "--camera",
-                         self.world / "camera.yaml", "--key", self.made / "signer.key.pem").start()
+                         self.world / "camera.yaml", "--vectors", self.world / "vectors.geojson", "--vectors-attribution", "the simulator", "--vectors-licence", "CC0-1.0",
+                         "--key", self.made / "signer.key.pem").start()
         self.addCleanup(self.desk.stop)
 
     def browse(self, address="", size="laptop"):
@@ -121,9 +122,11 @@ class MissionsPage(support.EndToEnd):
         mission = self.mission_of(browser)
         self.assertEqual([(step, "done") for step in STEPS], [(step["kind"], step["state"]) for step in mission["job"]["steps"]], mission["job"])
         self.assertIn("cache sign", browser.evaluate("document.querySelector('[data-step=sign] pre').textContent"))
+        browser.wait_for("document.querySelector('.vectors-switch')")  # the package's roads and water are drawn
         package, exported, world = self.folder / "by-hand", self.folder / "mission.yaml", self.world
         exported.write_bytes(self.desk.call("GET", f"/v1/missions/{mission['id']}/file?format=yaml")[2])
-        for words in (["cache", "build", "--mission", exported, "--imagery", world / "map.tif", "--dem", world / "dem.tif", "--at", self.desk.at, "--out", package],
+        for words in (["cache", "build", "--mission", exported, "--imagery", world / "map.tif", "--dem", world / "dem.tif", "--vectors", world / "vectors.geojson",
+                       "--vectors-attribution", "the simulator", "--vectors-licence", "CC0-1.0", "--at", self.desk.at, "--out", package],
                       ["cache", "index", package, "--camera", world / "camera.yaml"],
                       ["cache", "matchability", package, "--into-package", "--camera", world / "camera.yaml"],
                       ["cache", "sign", package, "--key", self.made / "signer.key.pem", "--trust", self.made / "root.json"]):
@@ -448,6 +451,15 @@ class MissionsPage(support.EndToEnd):
                 browser.evaluate(f"document.querySelector('[data-export={format_name}]').click()")
                 browser.wait_for(f"window.saved.at(-1)?.endsWith('.{format_name}')")
             browser.wait_for("window.text?.startsWith('#') || window.text?.includes('schema: nadir.mission/1')")
+            # Heights that are counted from different grounds, point by point; a new point takes the frame of the one before it.
+            for selector, value in (("#height-frame", "each"), ("[data-points=route] [data-index='1'] [data-axis=frame]", "above_sea_level")):
+                browser.evaluate(f"(() => {{ const found = document.querySelector({json.dumps(selector)}); found.value = '{value}'; found.dispatchEvent(new Event('change', {{ bubbles: true }})); }})()")
+            browser.evaluate("document.querySelector(\"[data-points=route] [data-index='1'] [data-what=insert]\").click()")
+            browser.wait_for(SAVED)
+            heights = self.mission_of(browser)["mission"]["route"]["heights"]
+            self.assertEqual(["above_sea_level"] * 2, heights["frames"][1:3])
+            self.assertNotIn("frame", heights)
+            self.assertEqual(len(mission["mission"]["route"]["points"]) + 1, len(heights["m"]))
             browser.evaluate("location.hash = ''")
             browser.wait_for("!document.getElementById('list').hidden")
         self.check_quiet(browser, ("status of 422",))

@@ -45,6 +45,9 @@ const setPoints = (doc, shape, points) => {
   }
 };
 const heightsOf = (doc, shape) => (shape === "route" ? doc.route?.heights?.m ?? null : null);
+// What each height of the route is counted from, where that differs from point to point; otherwise null.
+const framesOf = (doc, shape) => (shape === "route" ? doc.route?.heights?.frames ?? null : null);
+const eachItsOwn = "each";  // the height frame of such a route, for people
 
 // What a new point of the route gets: halfway between its neighbours.
 const heightBetween = (before, after, otherwise) => {
@@ -53,20 +56,26 @@ const heightBetween = (before, after, otherwise) => {
 };
 const insertPoint = (doc, shape, index, point) => {
   const heights = heightsOf(doc, shape);
-  heights?.splice(index, 0, heightBetween(heights[index - 1], heights[index], doc.route.agl_m));
+  const frames = framesOf(doc, shape), frame = frames?.[index - 1] ?? frames?.[index];
+  const same = !frames || frames[index - 1] === frames[index];  // heights of two frames have no middle
+  heights?.splice(index, 0, heightBetween(heights[index - 1], same ? heights[index] : undefined, doc.route.agl_m));
+  frames?.splice(index, 0, frame ?? "above_ground");
   setPoints(doc, shape, pointsOf(doc, shape).toSpliced(index, 0, point));
 };
 const removePoint = (doc, shape, index) => {
   heightsOf(doc, shape)?.splice(index, 1);
+  framesOf(doc, shape)?.splice(index, 1);
   setPoints(doc, shape, pointsOf(doc, shape).toSpliced(index, 1));
 };
 const movePoint = (doc, shape, index, point) => setPoints(doc, shape, pointsOf(doc, shape).with(index, point));
 
 // Heights of the points in this frame; "" for none: the route is flown at agl_m.
+const heightFrameOf = (doc) => (framesOf(doc, "route") ? eachItsOwn : doc.route?.heights?.frame ?? "");
 const setHeightFrame = (doc, frame) => {
+  if (frame === heightFrameOf(doc)) return undefined;
   if (frame === "") return setMember(doc, "route.heights", undefined);
-  const before = doc.route.heights?.m;
-  doc.route.heights = { frame, m: pointsOf(doc, "route").map((_, i) => before?.[i] ?? doc.route.agl_m) };
+  const before = doc.route.heights, points = pointsOf(doc, "route"), m = points.map((_, i) => before?.m[i] ?? doc.route.agl_m);
+  doc.route.heights = frame === eachItsOwn ? { frames: points.map(() => before?.frame ?? "above_ground"), m } : { frame, m };
   return undefined;
 };
 

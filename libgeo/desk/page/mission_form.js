@@ -31,6 +31,7 @@ const fillInput = (input, value) => {
 };
 
 const pointsAtOnce = 100;  // rows of a list
+const heightFrames = { above_ground: "above ground", above_takeoff: "above take-off", above_sea_level: "above sea level" };
 
 const makeMissionForm = ({ edit, select, removePart, middle }) => {
   let doc = null;
@@ -68,17 +69,20 @@ const makeMissionForm = ({ edit, select, removePart, middle }) => {
       return made;
     };
     const height = element("input", { inputmode: "decimal", "data-axis": "height", "data-kind": "number" }), feet = element("span", { class: "feet" });
+    const frame = element("select", { "data-axis": "frame" });
+    frame.append(...Object.entries(heightFrames).map(([value, text]) => element("option", { value }, text)));
+    frame.addEventListener("change", () => edit(`height of point ${index() + 1}`, (next) => { next.route.heights.frames[index()] = frame.value; }));
     height.addEventListener("change", () => edit(`height of point ${index() + 1}`, (next) => { next.route.heights.m[index()] = readers.number(height.value) ?? null; }));
     row.append(choose, field(1, "lat"), field(0, "lon"), height, feet,
       button("+", "", () => { edit("point added", (next) => {
         const points = pointsOf(next, shape), at = points[index()], after = points[index() + 1] ?? (isRing(next, shape) ? points[0] : null);
         insertPoint(next, shape, index() + 1, after ? roundedPlace({ lng: (at[0] + after[0]) / 2, lat: (at[1] + after[1]) / 2 }) : nextPlace(points));
       }); select(shape, index() + 1); }, { "data-what": "insert" }),
-      button("×", "", () => edit("point removed", (next) => removePoint(next, shape, index())), { "data-what": "remove" }));
+      button("×", "", () => edit("point removed", (next) => removePoint(next, shape, index())), { "data-what": "remove" }), frame);
     return row;
   };
   const fillRow = (row, shape, index, place, height, chosen) => {
-    const name = `point ${index + 1} of ${nameOf(doc, shape)}`, [choose, lat, lon, high, feet, insert, remove] = row.children;
+    const name = `point ${index + 1} of ${nameOf(doc, shape)}`, [choose, lat, lon, high, feet, insert, remove, frame] = row.children, frames = framesOf(doc, shape);
     row.dataset.index = index;
     row.dataset.path = shape === "route" ? `route.points[${index}]` : `${shape}.polygon[${index}]`;
     choose.textContent = index + 1;
@@ -94,6 +98,9 @@ const makeMissionForm = ({ edit, select, removePart, middle }) => {
     high.setAttribute("aria-label", `Height of ${name} in metres`);
     fillInput(high, height);
     feet.textContent = feetText(height);
+    frame.hidden = high.hidden || !frames;
+    frame.setAttribute("aria-label", `What the height of ${name} is counted from`);
+    if (frames) frame.value = frames[index];
     insert.setAttribute("aria-label", `Add a point after ${name}`);
     remove.setAttribute("aria-label", `Remove ${name}`);
     remove.disabled = false;
@@ -174,7 +181,7 @@ const makeMissionForm = ({ edit, select, removePart, middle }) => {
       fillPoints(root.querySelector("[data-points=route]"), "route", selected, point);
       for (const field of root.querySelectorAll("[data-path][data-kind]")) {
         if (field.dataset.axis) continue;
-        fillInput(field, memberAt(doc, field.dataset.path));
+        fillInput(field, field.dataset.kind === "frame" ? heightFrameOf(doc) : memberAt(doc, field.dataset.path));
       }
       for (const feet of root.querySelectorAll("[data-feet]")) feet.textContent = feetText(memberAt(doc, feet.dataset.feet));
       byId("name").textContent = doc.id || "mission";

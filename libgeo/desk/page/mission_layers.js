@@ -41,7 +41,7 @@ const tileText = ({ tile, captured_at, age_days, gsd_m, ce90_m, source, valid, m
   (matchability ? `, matchability ${matchability}` : "");
 
 const makeMissionLayers = ({ map, renderer, state }) => {
-  const rasters = new Map(), outlines = L.layerGroup().addTo(map), facts = L.layerGroup().addTo(map), legs = L.layerGroup().addTo(map), picked = L.layerGroup().addTo(map);
+  const vectors = makeVectorOverlay(map), rasters = new Map(), outlines = L.layerGroup().addTo(map), facts = L.layerGroup().addTo(map), legs = L.layerGroup().addTo(map), picked = L.layerGroup().addTo(map);
   map.createPane("imagery").classList.add("imagery-pane");
   let sources = [], packageTiles = null, packageName = null, chosenFact = "", tiles = null, gaps = null, prediction = null;
   const hidden = new Set();  // rasters that are switched off
@@ -167,6 +167,7 @@ const makeMissionLayers = ({ map, renderer, state }) => {
       rasters.delete("package");
       packageName = name, tiles = gaps = null, packageTiles = pack;
       if (pack) addRaster("package", { bounds: pack.bounds, zooms: pack.zooms }, (z, x, y) => `/v1/missions/${id}/tiles/${z}/${x}/${y}`);
+      if (pack?.vectors) vectors.load(`/v1/missions/${id}/layers/vectors`); else vectors.show(null);
       listImagery();
       listFacts(pack !== null);
       await showFact(pack ? chosenFact : "");
@@ -180,6 +181,7 @@ const makeMissionLayers = ({ map, renderer, state }) => {
     rasters.get("package")?.remove();
     rasters.delete("package");
     packageTiles = null;
+    vectors.show(null);
     for (const group of [facts, legs, picked]) group.clearLayers();
     legend();
   };

@@ -9,7 +9,7 @@ const activeStates = ["waiting", "running"];
 const isActive = (job) => Boolean(job) && activeStates.includes(job.state);
 
 const makeMissionPackage = ({ state, flush, onJob, edit }) => {
-  let planning = { imagery: [], elevation: [], cameras: [], keys: [], trust: false }, chosen = new Map(), shownJob = null;
+  let planning = { imagery: [], elevation: [], vectors: [], cameras: [], keys: [], trust: false }, chosen = new Map(), shownJob = null;
   const say = (text, isBad = false) => { byId("job-answer").textContent = text; byId("job-answer").className = isBad ? "bad" : ""; };
 
   // ---- What it is made of
@@ -32,13 +32,14 @@ const makeMissionPackage = ({ state, flush, onJob, edit }) => {
     }));
     if (found.imagery.length === 0) byId("use-imagery").append(element("p", { class: "soft" }, "No imagery: put rasters into imagery/ of the desk's folder, or start it with --imagery."));
     fillSelect("use-elevation", found.elevation, "none");
+    fillSelect("use-vectors", found.vectors, "none");
     fillSelect("use-camera", found.cameras, "none");
     fillSelect("use-key", found.keys, "none");
     showSteps();
   };
   const named = (id) => byId(id).value || null;
   const imageryChosen = () => [...byId("use-imagery").querySelectorAll("input:checked")].map(({ value }) => value);
-  const request = (steps) => ({ steps, imagery: imageryChosen(), elevation: named("use-elevation"), camera: named("use-camera"), key: named("use-key"),
+  const request = (steps) => ({ steps, imagery: imageryChosen(), elevation: named("use-elevation"), vectors: named("use-vectors"), camera: named("use-camera"), key: named("use-key"),
                                 tile_format: byId("use-tiles").value, quality: Number(byId("use-quality").value) || 0, container: byId("use-container").value });
 
   // ---- Steps
