@@ -446,7 +446,12 @@ class MissionsPage(support.EndToEnd):
             browser.wait_for("!document.getElementById('mission').hidden")
             self.assertEqual(mission["mission"]["route"]["points"], self.mission_of(browser)["mission"]["route"]["points"])
             # What is saved is what the desk says.
-            browser.evaluate("""(() => { window.saved = []; HTMLAnchorElement.prototype.click = function () { window.saved.push(this.download); fetch(this.href).then((r) => r.text()).then((t) => { window.text = t; }); }; })()""")
+            browser.evaluate("""(() => {
+              window.saved = [];
+              HTMLAnchorElement.prototype.click = function () { window.saved.push(this.download); };
+              const address = URL.createObjectURL;
+              URL.createObjectURL = (blob) => { blob.text().then((text) => { window.text = text; }); return address.call(URL, blob); };
+            })()""")
             for format_name in ("plan", "waypoints", "kml", "kmz", "geojson", "gpkg", "yaml"):
                 browser.evaluate(f"document.querySelector('[data-export={format_name}]').click()")
                 browser.wait_for(f"window.saved.at(-1)?.endsWith('.{format_name}')")

@@ -88,14 +88,20 @@ TEST(World, VectorsShowWhereWoodsAndWaterAre) {
       const FieldPattern::Hit hit = land.fields.find(land.fields.uv_from_ground(place));
       const Crop crop = land.fields.parcels[static_cast<std::size_t>(hit.parcel)].crop;
       const bool wood = crop == Crop::wood || crop == Crop::conifers;
-      if (hit.border_m > 1) EXPECT_EQ(in(woods, place), wood) << x << " " << y;
+      if (hit.border_m > 1) {
+        EXPECT_EQ(in(woods, place), wood) << x << " " << y;
+      }
       wooded += wood ? 1 : 0;
       const double river_m = distance_m(land.river, place);
-      if (river_m < 5) EXPECT_TRUE(in(waters, place)) << x << " " << y;
+      if (river_m < 5) {
+        EXPECT_TRUE(in(waters, place)) << x << " " << y;
+      }
       wet += river_m < 5 ? 1 : 0;
       const bool far_from_ponds =
           std::all_of(land.ponds.begin(), land.ponds.end(), [&](const Pond& pond) { return pond.edge_m(place) > 1; });
-      if (river_m > 25 && far_from_ponds) EXPECT_FALSE(in(waters, place)) << x << " " << y;
+      if (river_m > 25 && far_from_ponds) {
+        EXPECT_FALSE(in(waters, place)) << x << " " << y;
+      }
     }
   }
   EXPECT_GT(wooded, 50);
