@@ -76,7 +76,8 @@ class DeskPage(support.EndToEnd):
         browser.wait_for(TEXT.format("events") + ".includes('placed as a whole')")
         take_back = "document.querySelector('[data-take-back=\"0\"]')"
         browser.wait_for(f"{take_back} !== null")
-        browser.wait_for("document.querySelectorAll('#map img').length > 0")
+        browser.wait_for("document.querySelectorAll('#map img').length > 0")  # where it is now, and no longer lost
+        browser.wait_for("document.getElementById('help').hidden")
         self.keep(browser, "placed")
         browser.evaluate(f"{take_back}.focus()")
         self.assertEqual("Take the placement of segment 0 back", browser.evaluate("document.activeElement.getAttribute('aria-label')"))

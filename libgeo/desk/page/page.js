@@ -75,6 +75,8 @@ const refreshTracks = async (flight) => {
   if (flight !== shown) return;
   const best = bestKind(flight);
   showKind(best !== before && flight.kind === before ? best : flight.kind);
+  if (flight.moved) map.showTrack();
+  flight.moved = false;
 };
 // Many events ask for the same: once, soon.
 const soon = (work) => {
@@ -123,7 +125,11 @@ const onEvent = (flight, kind, event) => {
   }
   if (kind === "pictures_accepted" || kind === "processing_blocked" || kind === "diagnosis_changed") headSoon(flight);
   if (kind === "segment_anchored") { helped(); segmentsSoon(flight); }
-  if (kind === "segments_merged" || kind === "merge_withdrawn") { segmentsSoon(flight); tracksSoon(flight); objectsSoon(flight); }
+  if (kind === "segments_merged" || kind === "merge_withdrawn") {
+    if (kind === "segments_merged") helped();
+    flight.moved = true;  // perhaps by kilometres
+    segmentsSoon(flight); tracksSoon(flight); objectsSoon(flight);
+  }
   if (kind === "user_fix" || kind === "fix_withdrawn") fixesSoon(flight);
   if (kind === "objects_changed") objectsSoon(flight);
   if (kind === "user_input_needed") {
