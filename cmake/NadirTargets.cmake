@@ -1,16 +1,19 @@
 # One function per kind of target, so that the folders' own lists stay a few lines.
 
-# nadir_library(<name> [PUBLIC …] [PRIVATE …] [PCH …])
+# nadir_library(<name> [COMPUTES] [PUBLIC …] [PRIVATE …] [PCH …])
 # The static library nadir_<name> of every source in the calling folder; other folders link it as nadir::<name>. Includes
-# name the folder: libgeo/base/error.hpp is "base/error.hpp".
+# name the folder: libgeo/base/error.hpp is "base/error.hpp". COMPUTES: pixels, matrices or many tiles, hence optimised fully.
 function(nadir_library name)
-  cmake_parse_arguments(LIBRARY "" "" "PUBLIC;PRIVATE;PCH" ${ARGN})
+  cmake_parse_arguments(LIBRARY "COMPUTES" "" "PUBLIC;PRIVATE;PCH" ${ARGN})
   file(GLOB sources CONFIGURE_DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/*.cpp")
   get_filename_component(above "${CMAKE_CURRENT_SOURCE_DIR}" DIRECTORY)
   add_library(nadir_${name} STATIC ${sources})
   add_library(nadir::${name} ALIAS nadir_${name})
   target_include_directories(nadir_${name} PUBLIC "${above}")
   target_link_libraries(nadir_${name} PUBLIC ${LIBRARY_PUBLIC} PRIVATE ${LIBRARY_PRIVATE} $<BUILD_INTERFACE:nadir_warnings>)
+  if(LIBRARY_COMPUTES)
+    target_compile_options(nadir_${name} PRIVATE ${NADIR_COMPUTES})
+  endif()
   if(LIBRARY_PCH)
     target_precompile_headers(nadir_${name} PRIVATE ${LIBRARY_PCH})
   endif()

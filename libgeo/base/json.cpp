@@ -57,9 +57,9 @@ std::string_view without_library_prefix(std::string_view text) {
 }
 
 // Walks the document without building it and notes the first thing that we do not accept.
-class Guard final : public nlohmann::json_sax<nlohmann::json> {
+class JsonGuard final : public nlohmann::json_sax<nlohmann::json> {
  public:
-  explicit Guard(const JsonLimits& limits) : limits_(limits) {}
+  explicit JsonGuard(const JsonLimits& limits) : limits_(limits) {}
 
   const std::string& fault() const { return fault_; }
 
@@ -109,7 +109,7 @@ class Guard final : public nlohmann::json_sax<nlohmann::json> {
 }  // namespace
 
 nlohmann::json parse_json(std::string_view text, std::string_view name, const JsonLimits& limits) {
-  Guard guard(limits);
+  JsonGuard guard(limits);
   if (!nlohmann::json::sax_parse(text, &guard)) {
     throw Error({.what = "cannot accept this JSON", .where = std::string(name), .found = guard.fault()});
   }

@@ -44,9 +44,9 @@ constexpr std::size_t kMaxQuotedKey = 80;    // bytes of a key in a message
 
 // Rejects what can hide a value from a reader or blow up a small file: aliases, duplicate keys, deep nesting, myriads
 // of empty values.
-class Guard final : public YAML::EventHandler {
+class YamlGuard final : public YAML::EventHandler {
  public:
-  explicit Guard(std::string file) : file_(std::move(file)) {}
+  explicit YamlGuard(std::string file) : file_(std::move(file)) {}
 
   void OnDocumentStart(const YAML::Mark& mark) override {
     if (++documents_ > 1) fail(mark, "a second document (---)", "one document");
@@ -119,7 +119,7 @@ YamlNode YamlNode::parse(std::string_view text, std::string_view name) {
   }
   try {
     std::istringstream events{std::string(text)};
-    Guard guard{std::string(name)};
+    YamlGuard guard{std::string(name)};
     YAML::Parser parser(events);
     while (parser.HandleNextDocument(guard)) {
     }

@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <map>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <opencv2/core.hpp>
 #include <set>
 #include <span>
@@ -72,7 +71,7 @@ GdalHandle draw(std::span<const PromotedTile* const> tiles, const Extent& extent
   const auto high = static_cast<int>((extent.bottom - extent.top) * kTileSize);
   GdalHandle image(driver("MEM").Create("", wide, high, 4, GDT_Byte, nullptr));
   check(image != nullptr, file);
-  const double pixel_m = mercator_pixel_m(extent.zoom), half_m = std::numbers::pi * kMercatorRadius_m;
+  const double pixel_m = mercator_pixel_m(extent.zoom), half_m = kMercatorHalfWorld_m;
   double place[6] = {extent.left * kTileSize * pixel_m - half_m, pixel_m, 0,
                      half_m - extent.top * kTileSize * pixel_m,  0,       -pixel_m};
   OGRSpatialReference reference;

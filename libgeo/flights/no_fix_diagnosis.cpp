@@ -39,8 +39,8 @@ constexpr std::size_t kHeightsWithHeadings = 2;  // the likeliest heights are tr
 constexpr double kRungReach = 0.125;             // of the height around a rung: half the way to the next
 constexpr double kFoundHeightReach = 0.075;      // around the factor that the first hit found, or under all headings
 constexpr double kRangeSigmas = 2.5;  // half widths of the ranges above in σ, as the localizer searches heights
-constexpr double kHeadingSigmas = 3;  // likewise
-constexpr double kLeastHeadingSigma_rad = radians(3);
+constexpr double kDiagnosedHeadingSigmas = 3;  // likewise
+constexpr double kLeastDiagnosedHeading_rad = radians(3);
 constexpr double kSameFactor = 0.08;  // two factors that mean the same thing
 constexpr double kSameHeading_rad = radians(12);
 constexpr double kMagnetic_rad = radians(30);  // declination and mounting errors are smaller, almost everywhere
@@ -229,8 +229,8 @@ std::optional<MapHit> NoFixExperiment::look(const TriedFrame& frame, const Hypot
   prior.log_agl_sigma = prior.search.scale_range / kRangeSigmas;
   prior.search.radius_m = std::min(kMaxReach_m, reach_m + kFastest_mps * std::max(0.0, since_s));
   pose.attitude = {heading_rad.value_or(0), telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)};
-  prior.heading_sigma_rad = std::max(kLeastHeadingSigma_rad, uncertainty.heading_rad);
-  prior.search.heading_range_rad = std::min(kPi, kHeadingSigmas * prior.heading_sigma_rad);
+  prior.heading_sigma_rad = std::max(kLeastDiagnosedHeading_rad, uncertainty.heading_rad);
+  prior.search.heading_range_rad = std::min(kPi, kDiagnosedHeadingSigmas * prior.heading_sigma_rad);
   if (!heading_rad) {
     prior.heading_sigma_rad = prior.search.heading_range_rad = kPi;
   }

@@ -30,7 +30,6 @@ std::optional<TileKey> parse_tile_key(std::string_view text) {
 
 namespace {
 
-constexpr double kHalfWorld_m = kPi * kMercatorRadius_m;
 constexpr double kWgs84E2 = 0.0066943799901413165;
 
 }  // namespace
@@ -44,17 +43,17 @@ LonLat lonlat_from_mercator(MercatorXY point) {
   return {degrees(point.x_m / kMercatorRadius_m), degrees(std::atan(std::sinh(point.y_m / kMercatorRadius_m)))};
 }
 
-double mercator_pixel_m(int zoom) { return 2.0 * kHalfWorld_m / (kTileSize * std::exp2(zoom)); }
+double mercator_pixel_m(int zoom) { return 2.0 * kMercatorHalfWorld_m / (kTileSize * std::exp2(zoom)); }
 
 GlobalPixel pixel_from_lonlat(LonLat place, int zoom) {
   const MercatorXY point = mercator_from_lonlat(place);
   const double pixel_m = mercator_pixel_m(zoom);
-  return {(point.x_m + kHalfWorld_m) / pixel_m, (kHalfWorld_m - point.y_m) / pixel_m};
+  return {(point.x_m + kMercatorHalfWorld_m) / pixel_m, (kMercatorHalfWorld_m - point.y_m) / pixel_m};
 }
 
 LonLat lonlat_from_pixel(GlobalPixel pixel, int zoom) {
   const double pixel_m = mercator_pixel_m(zoom);
-  return lonlat_from_mercator({pixel.x * pixel_m - kHalfWorld_m, kHalfWorld_m - pixel.y * pixel_m});
+  return lonlat_from_mercator({pixel.x * pixel_m - kMercatorHalfWorld_m, kMercatorHalfWorld_m - pixel.y * pixel_m});
 }
 
 double ground_resolution_m(int zoom, double lat_deg) {

@@ -13,6 +13,7 @@
 
 #include <compare>
 #include <cstdint>
+#include <numbers>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -44,6 +45,7 @@ std::string to_text(const TileKey& key);                       // "19/438048/225
 std::optional<TileKey> parse_tile_key(std::string_view text);  // the same form back; nullopt when not a valid key
 
 inline constexpr double kMercatorRadius_m = 6378137.0;
+inline constexpr double kMercatorHalfWorld_m = std::numbers::pi * kMercatorRadius_m;  // from its centre to each edge
 inline constexpr double kMercatorMaxLat_deg = 85.05112877980659;
 
 struct MercatorXY {

@@ -8,7 +8,6 @@
 #include <charconv>
 #include <cmath>
 #include <map>
-#include <numbers>
 #include <opencv2/imgproc.hpp>
 
 #include "base/error.hpp"
@@ -217,7 +216,7 @@ class LevelReader {
     if (scale.size() < 2 || tie.size() != 6) {
       off_grid("a north-up image: ModelPixelScale and one ModelTiepoint", "another georeference");
     }
-    const double world_m = 2 * std::numbers::pi * kMercatorRadius_m;
+    const double world_m = 2 * kMercatorHalfWorld_m;
     const double exact_zoom = std::log2(world_m / kTileSize / scale[0]);
     const double width = static_cast<double>(side(0, tiff::kWidth)),
                  height = static_cast<double>(side(0, tiff::kHeight));

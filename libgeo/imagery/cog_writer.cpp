@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <numbers>
 
 #include "base/error.hpp"
 #include "geodesy/web_mercator.hpp"
@@ -60,7 +59,7 @@ TiffTags tags_of(const Level& level, const CogShape& shape, ImageFormat format, 
   tags.shorts(tiff::kSampleFormat, {1, 1, 1});
   if (jpeg) tags.shorts(tiff::kChromaSubsampling, {2, 2});
   if (!finest) return tags;
-  const double world_m = 2 * std::numbers::pi * kMercatorRadius_m;
+  const double world_m = 2 * kMercatorHalfWorld_m;
   const double tile_m = world_m / static_cast<double>(std::uint32_t{1} << shape.zooms.min);
   const double pixel_m = world_m / kTileSize / static_cast<double>(std::uint32_t{1} << shape.zooms.max);
   tags.doubles(tiff::kPixelScale, {pixel_m, pixel_m, 0});

@@ -228,7 +228,7 @@ namespace {
 constexpr int kMinBlock = 64;                   // quads per side that are searched together
 constexpr int kMaxBlocks = 1000;                // per side
 constexpr std::size_t kMaxGapSamples = 20'000;  // the search stops there
-constexpr std::size_t kNamed = 10;
+constexpr std::size_t kNamedGaps = 10;
 constexpr double kMetresPerDegree = 111'320;
 
 struct GapBlock {
@@ -345,7 +345,7 @@ void check_terrain_gaps(const Mission& mission, const TerrainRaster& terrain, Fi
                                      search.stopped() ? "more than" : "about", search.area_m2(), grid.west_deg,
                                      grid.south_deg(), grid.east_deg(), grid.north_deg),
                 .fix = "build with an elevation model that covers the mission without gaps"});
-  for (std::size_t i = 0; i < std::min(search.gaps().size(), kNamed); ++i) {
+  for (std::size_t i = 0; i < std::min(search.gaps().size(), kNamedGaps); ++i) {
     const LonLat at = search.gaps()[i].first;
     findings.add({.code = "dem.gap",
                   .where = fmt::format("near {:.6f},{:.6f}", at.lon_deg, at.lat_deg),

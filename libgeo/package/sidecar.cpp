@@ -87,7 +87,7 @@ Sha256 SidecarDigest::finish() {
 
 namespace {
 
-constexpr std::size_t kNamed = 20;
+constexpr std::size_t kNamedFiles = 20;
 
 std::optional<Sidecar> sidecar_from(const SqliteStatement& row, const TileKey& key) {
   Sidecar sidecar;
@@ -171,7 +171,7 @@ std::string row_address_text(const SqliteStatement& row) {
 SidecarRows read_sidecars(const SqliteDatabase& database) {
   SidecarRows result;
   const auto report = [&result](const char* code, std::string where, const char* expected) {
-    if (result.findings.items().size() >= kNamed) return;
+    if (result.findings.items().size() >= kNamedFiles) return;
     result.findings.add({.code = code,
                          .where = "nadir_sidecars, " + std::move(where),
                          .expected = expected,

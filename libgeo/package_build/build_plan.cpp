@@ -16,8 +16,6 @@
 namespace nadir {
 namespace {
 
-constexpr double kHalfWorld_m = kPi * kMercatorRadius_m;
-
 struct PixelBox {
   double left = 1e300, top = 1e300, right = -1e300, bottom = -1e300;
 
@@ -32,7 +30,7 @@ struct PixelBox {
 
 GlobalPixel pixel_from_mercator(MercatorXY point, int zoom) {
   const double pixel_m = mercator_pixel_m(zoom);
-  return {(point.x_m + kHalfWorld_m) / pixel_m, (kHalfWorld_m - point.y_m) / pixel_m};
+  return {(point.x_m + kMercatorHalfWorld_m) / pixel_m, (kMercatorHalfWorld_m - point.y_m) / pixel_m};
 }
 
 PixelBox box_of(const std::vector<MercatorXY>& outline, int zoom) {

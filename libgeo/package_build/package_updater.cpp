@@ -152,7 +152,7 @@ PlaceIndex rebuild_place_index(const PlaceTable& old, const fs::path& tiles, con
 ImageryInput extent_of(const std::vector<Sidecar>& tiles) {
   ImageryInput extent;
   const int zoom = tiles.back().key.z;
-  const double pixel_m = mercator_pixel_m(zoom), half_world_m = kPi * kMercatorRadius_m;
+  const double pixel_m = mercator_pixel_m(zoom), half_world_m = kMercatorHalfWorld_m;
   std::uint32_t left = ~0U, top = ~0U, right = 0, bottom = 0;
   for (const Sidecar& tile : tiles) {
     if (tile.key.z != zoom) continue;

@@ -173,8 +173,6 @@ Findings OldTiles::findings() const {
   return findings;
 }
 
-constexpr double kHalfWorld_m = kPi * kMercatorRadius_m;
-
 int floor_tile(int pixel) { return pixel >= 0 ? pixel / kTileSize : -((kTileSize - 1 - pixel) / kTileSize); }
 
 UpdateLayers::Origin UpdateLayers::origin_of(const Sidecar& sidecar) {
@@ -254,7 +252,7 @@ InputShares UpdateLayers::of_old(const TileKey& key) const {
 
 bool UpdateLayers::may_touch(const TileKey& key) const {
   const double tile_m = mercator_pixel_m(key.z) * kTileSize;
-  const double west = key.x * tile_m - kHalfWorld_m, north = kHalfWorld_m - key.y * tile_m;
+  const double west = key.x * tile_m - kMercatorHalfWorld_m, north = kMercatorHalfWorld_m - key.y * tile_m;
   return std::any_of(inputs_.begin(), inputs_.end(), [&](const ImageryInput& input) {
     if (input.path.empty()) return false;
     double left = std::numeric_limits<double>::max(), bottom = left, right = -left, top = -left;

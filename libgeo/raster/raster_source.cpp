@@ -17,7 +17,6 @@ namespace nadir {
 namespace {
 
 constexpr int kBlock = 512;  // pixels warped at once: few enough to stay in the cache
-constexpr double kHalfWorld_m = kPi * kMercatorRadius_m;
 
 // Raster coordinates of a block's pixels, at every kMapNodeStep_px pixels.
 struct Nodes {
@@ -116,8 +115,8 @@ struct RasterSource::Impl {
     const double pixel_m = mercator_pixel_m(zoom);
     for (int row = 0; row < nodes.rows; ++row) {
       for (int column = 0; column < nodes.columns; ++column) {
-        nodes.x.push_back((block.x + column * kMapNodeStep_px + 0.5) * pixel_m - kHalfWorld_m);
-        nodes.y.push_back(kHalfWorld_m - (block.y + row * kMapNodeStep_px + 0.5) * pixel_m);
+        nodes.x.push_back((block.x + column * kMapNodeStep_px + 0.5) * pixel_m - kMercatorHalfWorld_m);
+        nodes.y.push_back(kMercatorHalfWorld_m - (block.y + row * kMapNodeStep_px + 0.5) * pixel_m);
       }
     }
     std::vector<double> z(nodes.x.size());

@@ -14,7 +14,7 @@
 namespace nadir::bench {
 namespace {
 
-constexpr std::string_view kFormat = "# nadir measured looks, ";
+constexpr std::string_view kMeasuredFormat = "# nadir measured looks, ";
 constexpr std::string_view kColumns =
     "count,ground,window,picture,radius_m,outcome,nats,error_m,solved_m,consensus_m,height_m";
 constexpr double kNear_m = 150;  // farther from the true place a chance peak may lie anywhere in the window
@@ -232,14 +232,14 @@ MeasuredLooks MeasuredLooks::read(const std::filesystem::path& path) {
   std::istringstream in(read_text_file(path, std::uint64_t{1} << 28));
   std::string line;
   std::getline(in, line);
-  if (!line.starts_with(kFormat)) {
+  if (!line.starts_with(kMeasuredFormat)) {
     throw UsageError({.what = "not a file of measured looks",
                       .where = path.string(),
-                      .expected = std::string(kFormat),
+                      .expected = std::string(kMeasuredFormat),
                       .found = line.substr(0, 80),
                       .fix = "make one: ./run bench integrity --part table"});
   }
-  const std::string origin = line.substr(kFormat.size());
+  const std::string origin = line.substr(kMeasuredFormat.size());
   std::getline(in, line);
   const std::vector<std::string> grounds = cells_of(line);
   std::getline(in, line);
@@ -274,7 +274,7 @@ std::string MeasuredLooks::text() const {
   for (const LookTail& tail : *tails_) {
     beyond += fmt::format("{}{} {}", beyond.empty() ? "" : " ", tail.beyond.count, tail.beyond.of);
   }
-  std::string text = fmt::format("{}{}\n{}\n{}\n{}\n{}\n", kFormat, origin_, fmt::join(grounds, ","),
+  std::string text = fmt::format("{}{}\n{}\n{}\n{}\n{}\n", kMeasuredFormat, origin_, fmt::join(grounds, ","),
                                  fmt::join(pictures, ","), beyond, kColumns);
   for (const MeasuredLook& l : looks_) {
     const LookFinding& f = l.found;

@@ -16,12 +16,12 @@ namespace {
 
 using namespace test;
 
-constexpr PlaneBox kArea{-200, -200, 200, 200};
+constexpr PlaneBox kLostArea{-200, -200, 200, 200};
 
 // No position at the start, only the area.
 LocalizerConfig area_only() {
   LocalizerConfig c = config();
-  c.area = kArea;
+  c.area = kLostArea;
   return c;
 }
 

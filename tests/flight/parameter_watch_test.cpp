@@ -7,20 +7,20 @@
 namespace nadir {
 namespace {
 
-constexpr MavlinkAddress kAutopilot{1, 1};
-constexpr std::uint8_t kInt32 = 6, kReal32 = 9;
+constexpr MavlinkAddress kWatchedAutopilot{1, 1};
+constexpr std::uint8_t kParamInt32 = 6, kReal32 = 9;
 constexpr Heartbeat kDisarmed{.is_autopilot = true, .autopilot = AutopilotType::px4};
 
 ParameterValue px4_int(const std::string& name, double value) {
-  return {.name = name, .wire_value = wire_value(value, kInt32, ParameterEncoding::bytewise), .type = kInt32};
+  return {.name = name, .wire_value = wire_value(value, kParamInt32, ParameterEncoding::bytewise), .type = kParamInt32};
 }
 
 TEST(ParameterWatch, AsksForAllOfThemWhileDisarmed) {
-  ParameterWatch watch({{"A", 1}, {"B", 2}, {"C", 3}, {"D", 4}}, kAutopilot);
+  ParameterWatch watch({{"A", 1}, {"B", 2}, {"C", 3}, {"D", 4}}, kWatchedAutopilot);
   std::multiset<std::string> asked;
   for (int beat = 0; beat < 4; ++beat) {
     for (const OutgoingMessage& request : watch.on_heartbeat(kDisarmed)) {
-      EXPECT_EQ(std::get<ParameterRequest>(request).target, kAutopilot);
+      EXPECT_EQ(std::get<ParameterRequest>(request).target, kWatchedAutopilot);
       asked.insert(std::get<ParameterRequest>(request).name);
     }
   }
@@ -31,11 +31,11 @@ TEST(ParameterWatch, AsksForAllOfThemWhileDisarmed) {
 }
 
 TEST(ParameterWatch, WithNothingExpectedNothingIsAsked) {
-  EXPECT_TRUE(ParameterWatch({}, kAutopilot).on_heartbeat(kDisarmed).empty());
+  EXPECT_TRUE(ParameterWatch({}, kWatchedAutopilot).on_heartbeat(kDisarmed).empty());
 }
 
 TEST(ParameterWatch, ReportsEachDifferenceOnceAndItsEnd) {
-  ParameterWatch watch({{"EKF2_AGP0_CTRL", 1}, {"EKF2_AGP0_GATE", 5.1}}, kAutopilot);
+  ParameterWatch watch({{"EKF2_AGP0_CTRL", 1}, {"EKF2_AGP0_GATE", 5.1}}, kWatchedAutopilot);
   static_cast<void>(watch.on_heartbeat(kDisarmed));
   EXPECT_FALSE(watch.on_message(px4_int("EKF2_AGP0_CTRL", 1)));
   EXPECT_FALSE(watch.on_message({.name = "EKF2_AGP0_GATE", .wire_value = 5.1F, .type = kReal32})) << "single precision";
@@ -54,7 +54,7 @@ TEST(ParameterWatch, ReportsEachDifferenceOnceAndItsEnd) {
 }
 
 TEST(ParameterWatch, ArduPilotsIntegersAreNumbers) {
-  ParameterWatch watch({{"GPS1_TYPE", 14}}, kAutopilot);
+  ParameterWatch watch({{"GPS1_TYPE", 14}}, kWatchedAutopilot);
   static_cast<void>(watch.on_heartbeat({.is_autopilot = true, .autopilot = AutopilotType::ardupilot}));
   EXPECT_FALSE(watch.on_message({.name = "GPS1_TYPE", .wire_value = 14, .type = 2}));
   EXPECT_TRUE(watch.on_message({.name = "GPS1_TYPE", .wire_value = 1, .type = 2}));

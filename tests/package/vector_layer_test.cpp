@@ -10,7 +10,7 @@
 namespace nadir {
 namespace {
 
-VectorLayer sample() {
+VectorLayer sample_layer() {
   return {"© OpenStreetMap contributors",
           "ODbL-1.0",
           {{VectorClass::road, "primary", false, {{{11.5, 48.1}, {11.5012345, 48.1000001}}}},
@@ -32,28 +32,28 @@ std::string refusal(const std::string& text) {
 }
 
 TEST(VectorLayer, ReadsBackAsItWasWritten) {
-  const std::string text = vectors_geojson(sample());
+  const std::string text = vectors_geojson(sample_layer());
   const VectorLayer layer = parse_vectors(as_bytes(text), "v.geojson");
-  EXPECT_EQ(layer.attribution, sample().attribution);
+  EXPECT_EQ(layer.attribution, sample_layer().attribution);
   EXPECT_EQ(layer.licence, "ODbL-1.0");
   ASSERT_EQ(layer.features.size(), 3U);
-  EXPECT_EQ(layer.features[0], sample().features[2]) << "in the order in which they are drawn";
-  EXPECT_EQ(layer.features[1], sample().features[1]);
-  EXPECT_EQ(layer.features[2], sample().features[0]);
+  EXPECT_EQ(layer.features[0], sample_layer().features[2]) << "in the order in which they are drawn";
+  EXPECT_EQ(layer.features[1], sample_layer().features[1]);
+  EXPECT_EQ(layer.features[2], sample_layer().features[0]);
   EXPECT_EQ(vectors_geojson(layer), text);
   EXPECT_NE(text.find("[11.5,48.1],[11.5012345,48.1000001]"), std::string::npos) << text;
 }
 
 TEST(VectorLayer, TheOrderOfTheFeaturesDoesNotMatterAndEachIsThereOnce) {
-  VectorLayer other = sample();
+  VectorLayer other = sample_layer();
   std::reverse(other.features.begin(), other.features.end());
   other.features.push_back(other.features.front());
-  EXPECT_EQ(vectors_geojson(other), vectors_geojson(sample()));
+  EXPECT_EQ(vectors_geojson(other), vectors_geojson(sample_layer()));
   EXPECT_EQ(parse_vectors(as_bytes(vectors_geojson({"a", "b", {}})), "none").features.size(), 0U);
 }
 
 TEST(VectorLayer, WhatIsNoFileOfVectorsIsRefused) {
-  const std::string sound = vectors_geojson(sample());
+  const std::string sound = vectors_geojson(sample_layer());
   for (std::size_t cut = 0; cut + 2 < sound.size(); cut += 11)
     EXPECT_NE(refusal(sound.substr(0, cut)), "accepted") << cut;
   const auto broken = [&](const std::string& from, const std::string& to) {

@@ -12,12 +12,12 @@
 namespace nadir {
 namespace {
 
-constexpr int kZoom = 17;
+constexpr int kMaskZoom = 17;
 
 // Noise that a map finds again in itself, on water as on land.
 class Noisy final : public TileSource {
  public:
-  ZoomRange zooms() const override { return {kZoom, kZoom}; }
+  ZoomRange zooms() const override { return {kMaskZoom, kMaskZoom}; }
   std::optional<Bytes> read(const TileKey& key) const override {
     cv::Mat tile(kTileSize, kTileSize, CV_8UC1);
     Random random = Random(5).fork("tile", (std::uint64_t{key.x} << 32U) | key.y);
@@ -50,7 +50,7 @@ VectorLayer lake(LonLat south_west, LonLat north_east, bool with_island) {
 }
 
 TEST(WaterMask, MasksWaterOnTopOfWhatIsMaskedAlready) {
-  const TileKey key = tile_at({11.0, 48.0}, kZoom);
+  const TileKey key = tile_at({11.0, 48.0}, kMaskZoom);
   const LonLatBox box = bounds_of(key);
   const LonLat middle{(box.west_deg + box.east_deg) / 2, (box.south_deg + box.north_deg) / 2};
   const Noisy tiles;
@@ -93,7 +93,7 @@ TEST(WaterMask, APlaceOverWaterIsPoorHoweverWellTheImageRepeats) {
   NoProgress progress;
   const auto survey = [&](const VectorLayer& layer) {
     const WaterMaskedTiles masked(tiles, layer);
-    return survey_matchability(masked, region, frame, kZoom, 60, matchability_options(120, 1.0, 100), 2, progress);
+    return survey_matchability(masked, region, frame, kMaskZoom, 60, matchability_options(120, 1.0, 100), 2, progress);
   };
   const MatchabilityMap plain = survey({}), known = survey(east);
   const LonLat water = frame.lonlat_from_plane({200, 0}), land = frame.lonlat_from_plane({-200, 0});
@@ -113,7 +113,7 @@ TEST(WaterMask, WithoutWaterNothingChanges) {
   const WaterMaskedTiles masked(tiles, layer);
   EXPECT_EQ(masked.areas(), 0U);
   for (std::uint32_t i = 0; i < 4; ++i) {
-    TileKey key = tile_at({11.0, 48.0}, kZoom);
+    TileKey key = tile_at({11.0, 48.0}, kMaskZoom);
     key.x += i;
     EXPECT_EQ(masked.read_mask(key), tiles.read_mask(key));
   }

@@ -65,12 +65,12 @@ TEST(World, VectorsShowWhereWoodsAndWaterAre) {
   std::vector<PlaneRing> woods, waters;
   std::map<std::string, int> counts;
   for (const auto& feature : document["features"]) {
-    const auto& [key, value] = *feature["properties"].items().begin();
-    ++counts[key];
-    if (key != "natural") continue;
+    const auto property = feature["properties"].begin();
+    ++counts[property.key()];
+    if (property.key() != "natural") continue;
     PlaneRing ring;
     for (const auto& point : feature["geometry"]["coordinates"][0]) ring.push_back({point[0], point[1]});
-    (value == "wood" ? woods : waters).push_back(std::move(ring));
+    (property.value() == "wood" ? woods : waters).push_back(std::move(ring));
   }
   EXPECT_EQ(static_cast<std::size_t>(counts["waterway"]), 1U);
   EXPECT_EQ(waters.size(), 1 + land.ponds.size());

@@ -26,14 +26,14 @@ GroundGrid grid_over(const CameraModel& camera, const CameraPose& pose, double g
   return grid;
 }
 
-struct Case {
+struct RectifiedCase {
   const char* name;
   CameraModel camera;
   CameraPose pose;
   double gsd_m;
 };
 
-std::vector<Case> cases() {
+std::vector<RectifiedCase> cases() {
   return {{"level", small_camera(), {{30, -20}, 100, {}}, 0.5},
           {"turned and tilted", small_camera(), {{-5, 8}, 100, {radians(133), radians(8), radians(-11)}}, 0.5},
           {"bent lens", bent_camera(), {{0, 0}, 100, {radians(45), radians(5), radians(5)}}, 0.5},
@@ -41,7 +41,7 @@ std::vector<Case> cases() {
 }
 
 TEST(Rectification, RecoversTheGround) {
-  for (const Case& test : cases()) {
+  for (const RectifiedCase& test : cases()) {
     const cv::Mat picture = photograph(waves, test.camera, test.pose);
     const RectifiedFrame frame =
         rectify({picture, test.camera}, test.pose, grid_over(test.camera, test.pose, test.gsd_m));
@@ -63,7 +63,7 @@ TEST(Rectification, RecoversTheGround) {
 }
 
 TEST(Rectification, InterpolationErrsByLessThanATenthOfAPixel) {
-  for (const Case& test : cases()) {
+  for (const RectifiedCase& test : cases()) {
     const GroundGrid grid = grid_over(test.camera, test.pose, test.gsd_m);
     const RectifiedFrame frame = rectify({coordinates(test.camera), test.camera}, test.pose, grid);
     double worst = 0;
@@ -83,7 +83,7 @@ TEST(Rectification, InterpolationErrsByLessThanATenthOfAPixel) {
 
 // A cell is valid exactly when its place lies inside the ring that the image's rim draws on the ground.
 TEST(Rectification, MaskIsWhatTheFrameShows) {
-  for (const Case& test : cases()) {
+  for (const RectifiedCase& test : cases()) {
     PlaneRing rim;
     const double right = test.camera.width - 1.0, bottom = test.camera.height - 1.0;
     for (double x = 0; x < right; x += 1) rim.push_back(seen_by_pixel(test.camera, test.pose, x, 0));
@@ -147,7 +147,7 @@ TEST(Rectification, NothingAppearsTowardsTheHorizon) {
 }
 
 TEST(Rectification, FootprintContainsTheImageBorder) {
-  for (const Case& test : cases()) {
+  for (const RectifiedCase& test : cases()) {
     const auto box = footprint_of(test.camera, test.pose);
     ASSERT_TRUE(box) << test.name;
     PlaneBox rim{1e9, 1e9, -1e9, -1e9};

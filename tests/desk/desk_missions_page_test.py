@@ -3,7 +3,7 @@
 verified package, by mouse and by keyboard alone; the same package from the command line; changes of others, findings,
 layers, files.
 
-usage: missions_page_test.py NADIR [FOLDER_FOR_SCREENSHOTS]
+usage: desk_missions_page_test.py NADIR [FOLDER_FOR_SCREENSHOTS]
 Exit code 77: there is no chromium here.
 """
 import base64
