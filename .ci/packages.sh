@@ -59,6 +59,7 @@ packages_fuzz=(
 packages_test=(
   curl                       # the desk's API as docs/put-photos-on-the-map.md calls it
   libsqlite3-mod-spatialite  # sqlite3 judges the catalogue's geometries
+  chromium                   # the pages in a real browser
   postgresql-15              # a real server, which the tests of the catalogue start and stop
   postgresql-15-postgis-3    # its geometries
 )
