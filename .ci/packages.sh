@@ -58,12 +58,16 @@ packages_fuzz=(
 )
 packages_test=(
   curl                       # the desk's API as docs/put-photos-on-the-map.md calls it
+  gstreamer1.0-plugins-base  # the test camera of the GStreamer plug-in
+  libgstreamer1.0-dev        # that plug-in, which is built where this is installed
   libsqlite3-mod-spatialite  # sqlite3 judges the catalogue's geometries
   chromium                   # the pages in a real browser
   postgresql-15              # a real server, which the tests of the catalogue start and stop
   postgresql-15-postgis-3    # its geometries
 )
 packages_package=(
+  libgstreamer1.0-dev        # the camera plug-ins: GStreamer's …
+  libopencv-videoio-dev      # … and OpenCV's
   dpkg-dev                   # dpkg-shlibdeps: what a package depends on
   file                       # CPack tells programs from other files by it
   lintian                    # Debian's own judge of packages

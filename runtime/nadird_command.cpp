@@ -92,7 +92,7 @@ void NadirdCommand::setup(Options& options) {
   options.flag("--status", status_, "show the status of the running service and exit");
   options.flag("--unsigned-airframe", unsigned_airframe_,
                "for bench tests: run although the airframe file is not signed");
-  options.value("--camera", flight_.camera, "SOURCE", "folder:DIR, video:FILE, v4l2:/dev/video0 or rtsp://…");
+  options.value("--camera", flight_.camera, "SOURCE", "folder:DIR, video:FILE, v4l2:/dev/video0, rtsp://… or gstreamer:PIPELINE");
   options
       .value("--camera-credentials", flight_.camera_credentials, "FILE", "USER:PASSWORD of a network camera, mode 0600")
       .needs("--camera");

@@ -51,7 +51,7 @@ finds its position with a camera when GPS is jammed or spoofed, replays
 recorded flights and photos against them, and serves a desk with a web page.
 This is the program of planners and analysts. The aircraft runs nadird.")
 
-nadir_package(nadird SECTION science DEPENDS "adduser" SUGGESTS "nadird-camera-video, nadir-doc"
+nadir_package(nadird SECTION science DEPENDS "adduser" SUGGESTS "nadird-camera-gstreamer, nadird-camera-video, nadir-doc"
   SCRIPTS conffiles postinst prerm postrm
   DESCRIPTION "position for a fixed-wing UAV when GPS is denied
 Runs beside the autopilot: matches what a camera sees with a signed map
@@ -65,6 +65,13 @@ if(TARGET nadir_camera_video)
 The plug-in with which nadird reads V4L2 and RTSP cameras and recordings,
 through OpenCV. Without it nadird reads pictures that another program
 writes to a folder.")
+endif()
+
+if(TARGET nadir_camera_gstreamer)
+  nadir_package(nadird-camera-gstreamer SECTION science DEPENDS "nadird (= ${PROJECT_VERSION}-1), gstreamer1.0-plugins-base"
+    DESCRIPTION "position for a fixed-wing UAV when GPS is denied (GStreamer cameras)
+The plug-in with which nadird reads any camera that GStreamer reads, with
+the times at which its driver stamped the frames.")
 endif()
 
 nadir_package(nadir-candidates SECTION science SUGGESTS "nadir-doc"

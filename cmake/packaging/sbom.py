@@ -19,7 +19,7 @@ import sys
 import tempfile
 
 TARGETS = {"nadir": "bin/nadir", "nadird": "bin/nadird", "nadir-candidates": "bin/nadir-candidates",
-           "nadird-camera-video": "bin/nadir_camera_video.so"}
+           "nadird-camera-video": "bin/nadir_camera_video.so", "nadird-camera-gstreamer": "bin/nadir_camera_gstreamer.so"}
 
 
 MAVLINK = "(MAVLink's headers)"
@@ -147,7 +147,7 @@ def bill_of(deb, build, dpkg, graph, headers, created):
             used[package] = "STATIC_LINK"
         if not objects:
             raise SystemExit(f"sbom: {TARGETS[name]} is not in {build}/build.ninja")
-        if TARGETS[name] != "bin/nadir_camera_video.so":
+        if not TARGETS[name].endswith(".so"):
             used["libjs-leaflet"] = "CONTAINS"  # embedded texts (libgeo/map_page)
     for package in sorted(used):
         source, version, architecture, maintainer, homepage = dpkg.describe(package)

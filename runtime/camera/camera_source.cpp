@@ -1,5 +1,7 @@
 #include "camera/camera_source.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 
 #include "base/error.hpp"
@@ -11,19 +13,31 @@ namespace nadir {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr const char* kVideoPlugin = "nadir_camera_video.so";
+// What reads which kinds of sources.
+struct KnownPlugin {
+  const char* file;
+  std::vector<std::string_view> kinds;
+  const char* needs;
+};
 
-fs::path find_plugin(const std::string& name, const std::vector<fs::path>& folders) {
+const std::vector<KnownPlugin>& known_plugins() {
+  static const std::vector<KnownPlugin> all = {
+      {"nadir_camera_video.so", {"video:", "v4l2:", "rtsp:"}, "OpenCV's videoio is installed (libopencv-videoio-dev)"},
+      {"nadir_camera_gstreamer.so", {"gstreamer:"}, "GStreamer is installed (libgstreamer1.0-dev)"},
+  };
+  return all;
+}
+
+fs::path find_plugin(const KnownPlugin& plugin, const std::vector<fs::path>& folders) {
   std::string searched;
   for (const fs::path& folder : folders) {
-    if (fs::exists(folder / name)) return folder / name;
+    if (fs::exists(folder / plugin.file)) return folder / plugin.file;
     searched += (searched.empty() ? "" : ", ") + folder.string();
   }
   throw Error({.what = "camera plug-in not installed",
-               .where = name,
+               .where = plugin.file,
                .expected = "in one of: " + searched,
-               .fix = "build it where OpenCV's videoio is installed (libopencv-videoio-dev), or use a folder as the "
-                      "camera"});
+               .fix = fmt::format("build it where {}, or use a folder as the camera", plugin.needs)});
 }
 
 }  // namespace
@@ -105,13 +119,15 @@ std::unique_ptr<CameraSource> open_camera(const std::string& source, const Fligh
                                           const std::vector<fs::path>& plugins, Backlog backlog) {
   const auto after = [&](std::string_view kind) { return source.substr(kind.size()); };
   if (source.starts_with("folder:")) return std::make_unique<FolderCamera>(after("folder:"), clock, backlog);
-  if (source.starts_with("video:") || source.starts_with("v4l2:") || source.starts_with("rtsp:")) {
-    return std::make_unique<PluginCamera>(find_plugin(kVideoPlugin, plugins), source, clock);
+  for (const KnownPlugin& plugin : known_plugins()) {
+    const auto names = [&](std::string_view kind) { return source.starts_with(kind); };
+    if (std::none_of(plugin.kinds.begin(), plugin.kinds.end(), names)) continue;
+    return std::make_unique<PluginCamera>(find_plugin(plugin, plugins), source, clock);
   }
   if (source.empty() || (source.find(':') != std::string::npos && !fs::is_directory(source))) {
     throw UsageError({.what = "unknown kind of camera",
                       .where = "--camera",
-                      .expected = "a folder, video:FILE, v4l2:DEVICE or rtsp://ADDRESS",
+                      .expected = "a folder, video:FILE, v4l2:DEVICE, rtsp://ADDRESS or gstreamer:PIPELINE",
                       .found = redacted(source)});
   }
   return std::make_unique<FolderCamera>(source, clock, backlog);

@@ -4,6 +4,7 @@
 //   video:FILE              a recording, at its own speed      ┐
 //   v4l2:/dev/video0        a camera of this computer          │ through the plug-in nadir_camera_video.so
 //   rtsp://…                a network camera                   ┘
+//   gstreamer:PIPELINE      whatever GStreamer reads, with the times of its stamps: through nadir_camera_gstreamer.so
 //
 // One thread reads a source and puts each frame into the localizer's mailbox. A source has no clock but the one that it
 // is given, and no image library.
@@ -30,10 +31,11 @@ struct RawPixels {
 };
 
 struct CameraFrame {
-  std::string name;              // file name, or a sequence number
-  double time_s = 0;             // monotonic, on arrival
-  Bytes bytes;                   // an encoded image (JPEG, PNG, WebP, TIFF), or pixels
-  std::optional<RawPixels> raw;  // the layout when bytes are pixels
+  std::string name;               // file name, or a sequence number
+  double time_s = 0;              // monotonic, on arrival
+  Bytes bytes;                    // an encoded image (JPEG, PNG, WebP, TIFF), or pixels
+  std::optional<RawPixels> raw;   // the layout when bytes are pixels
+  std::optional<double> age_s{};  // on arrival, since the exposure: of a camera that stamps its frames
 };
 
 enum class CameraStatus {

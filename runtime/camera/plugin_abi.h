@@ -13,7 +13,7 @@
 extern "C" {
 #endif
 
-#define NADIR_CAMERA_PLUGIN_VERSION 1
+#define NADIR_CAMERA_PLUGIN_VERSION 2
 
 /* NOLINTBEGIN(modernize-use-using): this is C */
 typedef struct NadirPluginFrame {
@@ -23,6 +23,7 @@ typedef struct NadirPluginFrame {
   int32_t height;
   int32_t channels;    /* 1: grey, 3: BGR; rows from the top without padding */
   double media_time_s; /* since the start of a recording, played at its own speed; below 0: live */
+  double age_s;        /* since the exposure, by a stamp of the camera or its driver; below 0: not known */
 } NadirPluginFrame;
 
 enum { NADIR_CAMERA_FRAME = 1, NADIR_CAMERA_NOTHING = 0, NADIR_CAMERA_ENDED = -1, NADIR_CAMERA_TROUBLE = -2 };

@@ -26,7 +26,7 @@ std::string text_of(ErrorText256& error) {
 
 // The plug-in's description of its frame is not trusted.
 bool plausible(const NadirPluginFrame& frame) {
-  if (frame.data == nullptr || std::isnan(frame.media_time_s) || std::isinf(frame.media_time_s)) return false;
+  if (frame.data == nullptr || !std::isfinite(frame.media_time_s) || !std::isfinite(frame.age_s)) return false;
   if (frame.width == 0) return frame.size > 0 && frame.size <= kMaxEncodedSize;
   const auto side = [](std::int32_t length) { return length > 0 && length <= kMaxSide; };
   if (!side(frame.width) || !side(frame.height) || (frame.channels != 1 && frame.channels != 3)) return false;
@@ -114,6 +114,7 @@ CameraReading PluginCamera::read(std::chrono::milliseconds at_most) {
     return {CameraStatus::failure, {}, status == NADIR_CAMERA_FRAME ? "invalid frame from the plug-in" : spoken(error)};
   }
   CameraFrame frame{fmt::format("{:06}", frames_++), clock_.monotonic_s(), Bytes(seen.data, seen.data + seen.size), {}};
+  if (seen.age_s >= 0) frame.age_s = seen.age_s;
   if (seen.width != 0) frame.raw = RawPixels{seen.width, seen.height, seen.channels};
   if (seen.media_time_s < 0) return {CameraStatus::frame, std::move(frame), {}};
   if (!media_start_s_) media_start_s_ = frame.time_s - seen.media_time_s;

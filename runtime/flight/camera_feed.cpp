@@ -10,6 +10,7 @@ namespace nadir {
 namespace {
 
 constexpr std::chrono::milliseconds kMaxWait{200};
+constexpr double kOldestFrame_s = 2;  // of one that says when it was exposed: the camera has buffered it
 constexpr double kRetry_s = 0.2, kBadFramePeriod_s = 1, kCameraThreadLimit_s = 5;
 
 // Recorder and localizer take encoded images. Lossless, because a replay must have the same pixels.
@@ -63,6 +64,10 @@ std::chrono::milliseconds CameraFeed::max_wait() const {
 }
 
 void CameraFeed::on_frame(CameraFrame frame) {
+  if (frame.age_s && *frame.age_s > kOldestFrame_s) {
+    drop_with_held();
+    return;
+  }
   switch (guard_.classify(frame.time_s)) {
     case BacklogGuard::Verdict::fresh: deliver(frame); break;
     case BacklogGuard::Verdict::hold: held_ = std::move(frame); break;
@@ -74,7 +79,7 @@ void CameraFeed::deliver(CameraFrame& frame) {
   held_.reset();
   last_failure_.clear();
   on_event_(FrameReceived{});
-  const double captured_s = frame.time_s - capture_delay_s_;
+  const double captured_s = frame.time_s - frame.age_s.value_or(0) - capture_delay_s_;
   frames_.put({frame.name, encoded(frame), captured_s});
 }
 

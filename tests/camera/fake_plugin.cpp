@@ -1,4 +1,5 @@
 // A plug-in for the tests: what it does follows from the source's name.
+#include <cmath>
 #include <cstring>
 #include <string_view>
 #include <vector>
@@ -20,7 +21,8 @@ void say(const char* what, char* error, size_t size) { std::strncpy(error, what,
 
 void* open_camera(const char* source, char* error, size_t error_size) {
   ++opened;
-  for (const char* kind : {"rtsp:live", "rtsp:drops", "rtsp:false-size", "rtsp:huge", "rtsp:none", "video:recording"}) {
+  for (const char* kind : {"rtsp:live", "rtsp:drops", "rtsp:false-size", "rtsp:huge", "rtsp:none", "rtsp:stamped",
+                           "rtsp:false-age", "video:recording"}) {
     if (source == std::string_view(kind)) return new Camera{kind, 0, std::vector<uint8_t>(18, 7)};
   }
   if (source == std::string_view("rtsp:late") && opened > 2)
@@ -33,9 +35,11 @@ void* open_camera(const char* source, char* error, size_t error_size) {
 int32_t read_camera(void* opaque, int32_t, NadirPluginFrame* frame, char* error, size_t error_size) {
   auto& camera = *static_cast<Camera*>(opaque);
   const int read = camera.reads++;
-  *frame = {camera.data.data(), camera.data.size(), 3, 2, 3, -1};
+  *frame = {camera.data.data(), camera.data.size(), 3, 2, 3, -1, -1};
   if (camera.kind == "rtsp:none") return NADIR_CAMERA_NOTHING;
   if (camera.kind == "rtsp:false-size") frame->width = 3000;
+  if (camera.kind == "rtsp:stamped") frame->age_s = 0.04 * read;
+  if (camera.kind == "rtsp:false-age") frame->age_s = std::nan("");
   if (camera.kind == "rtsp:huge") frame->width = frame->height = 2'000'000'000;
   if (camera.kind == "rtsp:drops" && read == 1) {
     say("the network is gone", error, error_size);

@@ -38,6 +38,13 @@ TEST_F(PluginCameraTest, DeliversPixelsWithTheirArrivalTime) {
   }
 }
 
+TEST_F(PluginCameraTest, KnowsTheAgeOfStampedFrames) {
+  PluginCamera stamped = camera("rtsp:stamped");
+  EXPECT_EQ(stamped.next(0ms, {}).frame.age_s, 0);
+  EXPECT_EQ(stamped.next(0ms, {}).frame.age_s, 0.04);
+  EXPECT_EQ(camera("rtsp:live").next(0ms, {}).frame.age_s, std::nullopt);
+}
+
 TEST_F(PluginCameraTest, PlaysARecordingAtItsSpeed) {
   PluginCamera video = camera("video:recording");
   const double start_s = clock_.monotonic_s();
@@ -85,7 +92,7 @@ TEST_F(PluginCameraTest, ACameraThatCannotBeOpenedIsAFailure) {
 }
 
 TEST_F(PluginCameraTest, InvalidFramesAreNotRead) {
-  for (const char* source : {"rtsp:false-size", "rtsp:huge"}) {
+  for (const char* source : {"rtsp:false-size", "rtsp:huge", "rtsp:false-age"}) {
     PluginCamera invalid = camera(source);
     EXPECT_EQ(invalid.next(0ms, {}).status, CameraStatus::failure) << source;
   }
@@ -121,6 +128,13 @@ TEST_F(PluginCameraTest, OpenCameraOpensTheNamedSource) {
   } catch (const Error& error) {
     EXPECT_THAT(error.what(), HasSubstr("/nowhere"));
     EXPECT_THAT(error.what(), HasSubstr("libopencv-videoio-dev"));
+  }
+  try {
+    open_camera("gstreamer:videotestsrc", clock_, {"/nowhere"});
+    ADD_FAILURE() << "found a plug-in that does not exist";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("nadir_camera_gstreamer.so"));
+    EXPECT_THAT(error.what(), HasSubstr("libgstreamer1.0-dev"));
   }
 }
 

@@ -93,6 +93,21 @@ TEST_F(CameraFeedTest, CaptureTimeAllowsForTheDelayAndBytesAreUnchanged) {
   EXPECT_EQ(reported_, (std::vector<std::string>{"", "", "the end"}));
 }
 
+// A camera that stamps its frames: the delay is what its stamp does not know.
+TEST_F(CameraFeedTest, AStampCountsAndFramesThatSayTheyAreOldAreDropped) {
+  CameraReading stamped = image("1.jpg", 12, {1}), old = image("2.jpg", 13, {2}), fresh = image("3.jpg", 14, {3});
+  stamped.frame.age_s = 0.5;
+  old.frame.age_s = 2.5;
+  fresh.frame.age_s = 0;
+  feed({stamped, old, fresh, failure("the end")}, 4);
+  const auto first = frames_.try_take(), second = frames_.try_take();
+  ASSERT_TRUE(first && second);
+  EXPECT_EQ(first->captured_s, 11.25);
+  EXPECT_EQ(second->name, "3.jpg");
+  EXPECT_EQ(second->captured_s, 13.75);
+  EXPECT_EQ(stale_, 1U);
+}
+
 TEST_F(CameraFeedTest, PixelsAreEncodedLosslessly) {
   const Bytes grey{0, 50, 100, 150, 200, 255}, colour{9, 8, 7, 6, 5, 4, 3, 2, 1, 0, 255, 128};
   CameraReading one = image("1", 1, grey), two = image("2", 2, colour);

@@ -106,9 +106,13 @@ int32_t read_camera(void* camera, int32_t, NadirPluginFrame* frame, char* error,
     }
     if (!video.frame.isContinuous()) video.frame = video.frame.clone();
     if (video.recording) video.media_time_s = media_time_s(video);
-    *frame = {video.frame.data, video.frame.total() * video.frame.elemSize(),
-              video.frame.cols, video.frame.rows,
-              channels,         video.media_time_s};
+    *frame = {video.frame.data,
+              video.frame.total() * video.frame.elemSize(),
+              video.frame.cols,
+              video.frame.rows,
+              channels,
+              video.media_time_s,
+              -1};
     return NADIR_CAMERA_FRAME;
   } catch (const std::exception& caught) {
     set_error(caught.what(), error, error_size);
