@@ -6,20 +6,11 @@
 #include <cctype>
 #include <cstdint>
 
+#include "cli/help_text.hpp"
 #include "cli/program_model.hpp"
 
 namespace nadir {
 namespace {
-
-std::vector<std::string_view> split(std::string_view text, std::string_view separator) {
-  std::vector<std::string_view> parts;
-  while (!text.empty()) {
-    const std::size_t end = std::min(text.find(separator), text.size());
-    parts.push_back(text.substr(0, end));
-    text.remove_prefix(std::min(end + separator.size(), text.size()));
-  }
-  return parts;
-}
 
 // The code point at `at`, which moves behind it. Help texts are part of the program: they are valid UTF-8.
 std::uint32_t next_code_point(std::string_view text, std::size_t& at) {
@@ -39,19 +30,13 @@ std::string upper(std::string text) {
   return text;
 }
 
-// Tables and lists are laid out by hand: their lines stay as they are. Other paragraphs are filled.
-bool laid_out(std::string_view paragraph) {
-  return paragraph.starts_with(' ') || paragraph.find("\n ") != std::string_view::npos ||
-         paragraph.find("  ") != std::string_view::npos;
-}
-
 std::string preformatted(std::string_view text) {
   return fmt::format(".PP\n.nf\n.RS\n{}\n.RE\n.fi\n", roff_text(text));
 }
 
 std::string prose(std::string_view text) {
   std::string result;
-  for (const std::string_view paragraph : split(text, "\n\n")) {
+  for (const std::string_view paragraph : split_text(text, "\n\n")) {
     result += laid_out(paragraph) ? preformatted(paragraph) : fmt::format(".PP\n{}\n", roff_text(paragraph));
   }
   return result;
@@ -93,7 +78,7 @@ std::string command_page(const ProgramModel& program, const CommandModel& comman
   if (program.has_one_job()) text += entry("\\-\\-version", "print the version and exit");
   if (!command.examples.empty()) {
     text += ".SH EXAMPLES\n";
-    for (const std::string_view example : split(command.examples, "\n")) {
+    for (const std::string_view example : split_text(command.examples, "\n")) {
       text += fmt::format(".PP\n.RS\n{}\n.RE\n", roff_text(example));
     }
   }

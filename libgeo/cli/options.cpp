@@ -11,6 +11,7 @@
 #include <ostream>
 
 #include "base/error.hpp"
+#include "cli/help_text.hpp"
 
 namespace nadir {
 namespace option_text {
@@ -66,42 +67,6 @@ std::string show(UtcTime) { return {}; }
 }  // namespace option_text
 
 namespace {
-
-constexpr std::size_t kColumns = 100;
-
-// Breaks lines that are longer than kColumns between words; line ends stay. Every line but the first starts with
-// `indent` blanks.
-std::string wrapped(std::string_view text, std::size_t indent) {
-  const std::string line_end = "\n" + std::string(indent, ' ');
-  std::string result;
-  std::size_t column = indent;
-  std::size_t at = 0;
-  while (at < text.size()) {
-    if (text[at] == '\n') {
-      result += text.substr(at + 1).starts_with('\n') ? "\n" : line_end;
-      column = indent;
-      ++at;
-      continue;
-    }
-    if (text[at] == ' ') {
-      ++at;
-      continue;
-    }
-    const std::size_t end = std::min(text.find_first_of(" \n", at), text.size());
-    const std::size_t length = end - at;
-    if (column > indent && column + 1 + length > kColumns) {
-      result += line_end;
-      column = indent;
-    } else if (column > indent) {
-      result += ' ';
-      ++column;
-    }
-    result += text.substr(at, length);
-    column += length;
-    at = end;
-  }
-  return result;
-}
 
 void print_examples(std::ostream& out, std::string_view examples) {
   if (examples.empty()) return;
@@ -274,7 +239,7 @@ void print_entries(std::ostream& out, const std::vector<std::pair<std::string, s
     } else {
       out << "  " << left << std::string(width - left.size() + 2, ' ');
     }
-    out << wrapped(right, width + 4) << '\n';
+    out << filled(right, width + 4) << '\n';
   }
 }
 
@@ -325,8 +290,8 @@ void Options::print_help(std::ostream& out, std::string_view summary, std::strin
     section.emplace_back(option.title(), option.explanation());
   }
   optional.emplace_back("-h, --help", "show this help and exit");
-  out << impl_->command << ": " << summary << "\n\nUsage: " << wrapped(usage_line(impl_->command, options), 7) << '\n';
-  if (!details.empty()) out << '\n' << wrapped(details, 0) << '\n';
+  out << impl_->command << ": " << summary << "\n\nUsage: " << filled(usage_line(impl_->command, options), 7) << '\n';
+  if (!details.empty()) out << '\n' << filled(details, 0) << '\n';
   const auto section = [&out](const char* title, const auto& entries) {
     if (entries.empty()) return;
     out << '\n' << title << ":\n";

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "base/error.hpp"
+#include "cli/help_text.hpp"
 
 namespace nadir {
 namespace {
@@ -102,6 +103,18 @@ TEST(Options, AnOldSpellingStillWorksButIsNotShown) {
     options.print_help(help, "", "", "");
     EXPECT_THAT(help.str(), ::testing::Not(::testing::ContainsRegex("--gsd[^-]")));
   }
+}
+
+TEST(Options, ParagraphsOfHelpAreFilledAndTablesStay) {
+  const std::string lines = std::string(60, 'a') + "\n" + std::string(30, 'b') + "\n" + std::string(60, 'c');
+  EXPECT_EQ(filled(lines + "\n\nsecond\nparagraph", 0),
+            std::string(60, 'a') + " " + std::string(30, 'b') + "\n" + std::string(60, 'c') + "\n\nsecond paragraph");
+  EXPECT_EQ(filled("a word", 4), "a word");
+  EXPECT_EQ(filled(std::string(90, 'a') + " " + std::string(10, 'b'), 4),
+            std::string(90, 'a') + "\n    " + std::string(10, 'b'));
+  EXPECT_EQ(filled("  0  replayed\n  1  rejected", 2), "  0  replayed\n    1  rejected");
+  EXPECT_EQ(filled("\u2026 " + std::string(98, 'a'), 0), "\u2026 " + std::string(98, 'a')) << "columns, not bytes";
+  EXPECT_EQ(filled("", 3), "");
 }
 
 TEST(Options, NearestWordIsCareful) {
