@@ -18,6 +18,7 @@ import subprocess
 import sys
 
 SPACING_M = 80
+SPEED_MPS, INTERVAL_S = 22, 2  # of the simulated flights
 CAMERA = """model: pinhole
 width: 640
 height: 360
@@ -66,7 +67,7 @@ def fly(programs, work, seed, flights):
                 run(programs, "cache", "build", "--mission", mission, "--imagery", world / "map.tif", "--dem", world / "dem.tif", "--key",
                     work / "planner.key.pem", "--out", world / "package")
             run(programs, "simulate", "flight", "--world", world / "ground.tif", "--dem", world / "dem.tif", "--mission", mission, "--camera",
-                work / "camera.yaml", "--out", folder / "flight", "--seed", seed * 10 + number, "--noise", "real", "--max-frames", 36, "--interval-s", 2)
+                work / "camera.yaml", "--out", folder / "flight", "--seed", seed * 10 + number, "--noise", "real", "--max-frames", 36, "--interval-s", INTERVAL_S)
             flight = folder / "flight"
             run(programs, "replay", "--package", world / "package", "--trust", work / "root.json", "--frames", flight / "frames", "--telemetry",
                 flight / "telemetry.csv", "--camera", flight / "camera.yaml", "--truth", flight / "truth.csv",
@@ -74,7 +75,7 @@ def fly(programs, work, seed, flights):
         prediction = folder / "prediction.json"
         if not prediction.exists():
             prediction.write_text(run(programs, "mission", "predict", folder / "mission.yaml", world / "package", "--camera",
-                                      work / "camera.yaml", "--spacing-m", SPACING_M, "--json", "--quiet"))
+                                      work / "camera.yaml", "--spacing-m", SPACING_M, "--speed-mps", SPEED_MPS, "--interval-s", INTERVAL_S, "--json", "--quiet"))
         yield folder / "prediction.json", folder / "out" / "estimates.csv", folder / "flight" / "truth.csv"
 
 
