@@ -357,7 +357,7 @@ RoutePrediction predict_route(const Mission& mission, const TileSource& tiles, s
     leg.reason =
         looks[leg.first].agl_m <= 0 ? "the route meets the ground"
         : leg.beyond_alert_limit && leg.begin_m < prediction.start_m
-            ? "the start is not confirmed: looks at different ground have to agree first. " + reason_of(leg, looks)
+            ? "the start is not confirmed: looks at different ground have to agree first, and " + reason_of(leg, looks)
             : reason_of(leg, looks);
     if (looks[leg.first].agl_m <= 0 || (leg.verdict == LegVerdict::fair && !leg.beyond_alert_limit)) continue;
     leg.remedies = remedies_for(leg, looks, mission, frame, probes, mission.freshness_days.active);
