@@ -1,5 +1,6 @@
 // The numbers that decide in libgeo/navigability: value, unit, and where each comes from. [navigability] is the bench
-// of that name in docs/benchmarks.md: fitted to flights over the simulated worlds of seeds 1 to 11 (levels: 1 to 4), judged on others.
+// of that name in docs/benchmarks.md: fitted to flights over the simulated worlds of seeds 1 to 11 (levels: 1 to 4),
+// judged on others.
 #pragma once
 
 #include <array>

@@ -189,7 +189,8 @@ void report_leftovers(const StagingDirectory& staging, const PackageRequest& req
   }
 }
 
-// Writes the whole package; its findings take the place of the plan's. Without errors the folder is complete except for the journal in it.
+// Writes the whole package; its findings take the place of the plan's. Without errors the folder is complete except for
+// the journal in it.
 void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journal, Progress& progress,
                   PackageReport& report) {
   const auto& [request, mission, mission_text, inputs, range, terrain, vectors, at] = plan;
