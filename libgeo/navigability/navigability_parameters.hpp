@@ -1,9 +1,11 @@
 // The numbers that decide in libgeo/navigability: value, unit, and where each comes from. [navigability] is the bench
-// of that name in docs/benchmarks.md: fitted to flights over the simulated worlds of seeds 1 to 11, judged on others.
+// of that name in docs/benchmarks.md: fitted to flights over the simulated worlds of seeds 1 to 11 (levels: 1 to 4),
+// judged on others.
 #pragma once
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 
 namespace nadir::parameters::navigability {
 
@@ -31,11 +33,29 @@ inline constexpr std::size_t kRemedySamples = 5;            // places of a leg w
 
 // ---- protection level
 
-inline constexpr double kProtectionShare = 0.9;  // of flights that stay below the level; chosen
-// Misses of frames 45 m apart correlate by 0.39: as much as independent looks every 45 m (1 + 0.39) / (1 - 0.39).
+inline constexpr double kProtectionShare = 0.9;    // of flights that stay below the level; chosen
+inline constexpr std::size_t kDrawnFlights = 200;  // their 0.9 quantile is that of 180 of them, ± 4; chosen
+inline constexpr std::uint64_t kForecastSeed = 1;  // of the drawn flights
+inline constexpr double kStartError_m = 5;         // of a given start, one axis; chosen: a GPS, or a click on the map
+inline constexpr double kUsualSpeed_mps = 20;      // where no speed is given: a small fixed wing; chosen
+// Way over which a look's luck is forgotten to 1/e; chosen: misses 45 m apart correlate by 0.39, and 70 m gives much
+// the same.
 inline constexpr double kLookCorrelation_m = 100;
-inline constexpr double kAnchoredProtection_m = 28;  // after several anchors; [navigability], 90 %
-inline constexpr double kProtectionPerMetre = 0.12;  // of distance since the last anchor; [navigability]
-inline constexpr double kUnanchoredStart_m = 500;    // before the first look, a flight is as far from an anchor
+// A look's candidate is the true place up to so much beyond the log odds of an anchor: weak ones need others. Its ln ℓ,
+// and their scatter; 291 looks of the worlds 1 to 4, [navigability].
+inline constexpr double kFoundLogit = 1.0;
+inline constexpr double kEvidenceOffset = 1.5, kEvidencePerLogit = 2.3, kEvidenceScatter = 1.2;
+// Of a look that found nothing: how often it has a chance peak, and its ln ℓ; chosen, as the few of those looks have
+// it.
+inline constexpr double kChancePeak = 0.5, kChanceEvidence = -0.5, kChanceEvidenceScatter = 1.8;
+// ln ℓ from which most patches agree, so that no wrong consensus is allowed for; [navigability].
+inline constexpr double kMostPatchesEvidence = 6;
+// σ of an accepted position, one axis, over the height above ground: what the image leaves of the tilt; [navigability].
+inline constexpr double kSolvedShare = 0.009;
+// Overlap of neighbouring frames, in the direction of flight, up to which odometry never tracks and from which it
+// always does; [navigability]: of frames that share 0.23 about half.
+inline constexpr double kLeastTrackedOverlap = 0.1, kSureTrackedOverlap = 0.4;
+// Over so many footprints of good ground every start is confirmed: no warning of its own; chosen, not measured.
+inline constexpr double kUsualStartFootprints = 4;
 
 }  // namespace nadir::parameters::navigability

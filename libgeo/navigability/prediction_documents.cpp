@@ -9,6 +9,7 @@ namespace {
 using nlohmann::json;
 
 double rounded_to(double value, double steps) { return std::round(value * steps) / steps; }
+json metres(const std::optional<double>& value) { return value ? json(rounded_to(*value, 10)) : json(); }
 json position(LonLat place) { return {rounded_to(place.lon_deg, 1e7), rounded_to(place.lat_deg, 1e7)}; }
 
 json facts_of(const PredictedLook& look) {
@@ -18,7 +19,9 @@ json facts_of(const PredictedLook& look) {
           {"frame_height_m", rounded_to(look.frame_height_m, 10)},
           {"probability", rounded_to(look.probability, 1e4)},
           {"since_anchor_m", rounded_to(look.since_anchor_m, 10)},
-          {"hpl_m", rounded_to(look.hpl_m, 10)},
+          {"hpl_m", metres(look.hpl_m)},
+          {"beyond_share", rounded_to(look.beyond_share, 1e3)},
+          {"map_sigma_m", rounded_to(look.map_sigma_m, 100)},
           {"imagery_age_days", look.imagery_age_days ? json(*look.imagery_age_days) : json()},
           {"footprint_m", rounded_to(look.features.footprint_m, 10)},
           {"map_gsd_m", rounded_to(look.features.map_gsd_m, 1e4)},
@@ -35,7 +38,7 @@ json facts_of(const PredictedLeg& leg) {
           {"begin_m", rounded_to(leg.begin_m, 10)},
           {"length_m", rounded_to(leg.length_m, 10)},
           {"probability", rounded_to(leg.probability, 1e4)},
-          {"hpl_m", rounded_to(leg.hpl_m, 10)},
+          {"hpl_m", metres(leg.hpl_m)},
           {"reason", leg.reason},
           {"remedies", leg.remedies}};
 }
@@ -60,6 +63,7 @@ json prediction_json(const RoutePrediction& prediction) {
           {"route_m", rounded_to(prediction.route_m, 10)},
           {"spacing_m", rounded_to(prediction.spacing_m, 10)},
           {"alert_limit_m", prediction.alert_limit_m},
+          {"start_m", rounded_to(prediction.start_m, 10)},
           {"good_m", rounded_to(prediction.good_m, 10)},
           {"fair_m", rounded_to(prediction.fair_m, 10)},
           {"poor_m", rounded_to(prediction.poor_m, 10)},

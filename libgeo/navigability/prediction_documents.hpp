@@ -8,9 +8,11 @@
 
 namespace nadir {
 
-// {"schema": "nadir.prediction/1", route_m, spacing_m, alert_limit_m, good_m, fair_m, poor_m, beyond_m, terrain_known,
+// {"schema": "nadir.prediction/1", route_m, spacing_m, alert_limit_m, start_m, good_m, fair_m, poor_m, beyond_m,
+// terrain_known,
 //  legs: [{verdict, beyond_alert_limit, begin_m, length_m, from, to, probability, hpl_m, reason, remedies}],
-//  looks: [{at_m, lon_deg, lat_deg, agl_m, probability, since_anchor_m, hpl_m, imagery_age_days, …features}]}
+//  looks: [{at_m, lon_deg, lat_deg, agl_m, probability, since_anchor_m, hpl_m, beyond_share, map_sigma_m,
+//  imagery_age_days, …features}]}. hpl_m: null where too many flights have none
 nlohmann::json prediction_json(const RoutePrediction& prediction);
 
 // RFC 7946: each leg as a line, each look as a point with its frame's size; with the attributes of the above.

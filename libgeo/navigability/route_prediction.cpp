@@ -8,9 +8,14 @@
 
 #include "base/error.hpp"
 #include "base/ordered_work.hpp"
+#include "estimation/localizer.hpp"
+#include "geodesy/angles.hpp"
 #include "navigability/navigability_parameters.hpp"
+#include "navigability/protection_forecast.hpp"
 #include "raster/single_opencv_thread.hpp"
 #include "vision/localizer_parameters.hpp"
+#include "vision/matching_plan.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 using namespace parameters::navigability;
@@ -77,16 +82,96 @@ std::vector<PredictedLook> looks_along(const Mission& mission, const LocalFrame&
   return looks;
 }
 
-std::optional<int> age_days(std::span<const Sidecar> sidecars, const TileKey& key, UtcTime at) {
+const Sidecar* sidecar_of(std::span<const Sidecar> sidecars, const TileKey& key) {
   const auto found = std::lower_bound(sidecars.begin(), sidecars.end(), key,
                                       [](const Sidecar& a, const TileKey& b) { return a.key < b; });
-  if (found == sidecars.end() || found->key != key) return std::nullopt;
-  return static_cast<int>((at.unix_s - found->captured_at.unix_s) / kSecondsPerDay);
+  return found == sidecars.end() || found->key != key ? nullptr : &*found;
 }
 
 LegVerdict verdict_of(double probability) {
   if (probability >= kGoodLook) return LegVerdict::good;
   return probability < kPoorLook ? LegVerdict::poor : LegVerdict::fair;
+}
+
+bool beyond_limit(const PredictedLook& look, double alert_limit_m) {
+  return !look.hpl_m || *look.hpl_m > alert_limit_m;
+}
+
+struct FlownFrames {
+  std::vector<ForecastFrame> frames;
+  std::vector<std::size_t> looks;  // of each frame, the nearest one
+};
+
+// The frames of the flight, which may be closer together than the looks that are predicted, or farther apart.
+FlownFrames frames_along(const std::vector<PredictedLook>& looks, const LocalFrame& frame,
+                         const PredictionOptions& options, double spacing_m) {
+  FlownFrames flown;
+  const double speed_mps = options.speed_mps.value_or(kUsualSpeed_mps);
+  const double step_m = std::max(looks.back().at_m / static_cast<double>(kMaxLooks),  // bounds time and memory
+                                 options.interval_s ? *options.interval_s * speed_mps : spacing_m);
+  std::optional<double> course_rad;
+  std::size_t behind = 0;
+  for (double at_m = 0; at_m <= looks.back().at_m; at_m += step_m) {
+    while (behind + 2 < looks.size() && looks[behind + 1].at_m <= at_m) ++behind;
+    const std::size_t ahead = std::min(behind + 1, looks.size() - 1);
+    const PredictedLook &a = looks[behind], &b = looks[ahead];
+    const double share = ahead > behind ? std::clamp((at_m - a.at_m) / (b.at_m - a.at_m), 0.0, 1.0) : 0;
+    const PlanePoint from = frame.plane_from_lonlat(a.place);
+    ForecastFrame next;
+    next.place = from + share * (frame.plane_from_lonlat(b.place) - from);
+    next.agl_m = std::max(1.0, a.agl_m + share * (b.agl_m - a.agl_m));
+    next.along_m = next.agl_m * options.camera.height / options.camera.fy;
+    next.footprint_m = footprint_side_m(options.camera, next.agl_m);
+    next.fine_gsd_m = matching_scale(options.camera, next.agl_m, a.features.map_gsd_m).fine_gsd_m;
+    next.map_sigma_m = a.map_sigma_m;
+    next.probability = a.probability + share * (b.probability - a.probability);
+    if (!flown.frames.empty()) {
+      const Eigen::Vector2d way = next.place - flown.frames.back().place;
+      const double course = std::atan2(way.x(), way.y());
+      next.way_m = step_m;
+      next.seconds = step_m / speed_mps;
+      next.turn_rad = course_rad ? wrap_pi(course - *course_rad) : 0;
+      course_rad = course;
+    }
+    flown.frames.push_back(next);
+    flown.looks.push_back(share < 0.5 ? behind : ahead);
+  }
+  return flown;
+}
+
+// A look has the level of its frame, the worst of several, or that of the frame behind.
+void predict_protection(std::vector<PredictedLook>& looks, const Mission& mission, const LocalFrame& frame,
+                        const PredictionOptions& options, double frame_spacing_m, Progress& progress) {
+  const FlownFrames flown = frames_along(looks, frame, options, frame_spacing_m);
+  const ForecastSetup setup{.uncertainty = options.uncertainty,
+                            .integrity_risk = mission.integrity.risk,
+                            .alert_limit_m = mission.integrity.alert_limit_m,
+                            .area = required_region(mission, frame).bounds(),
+                            .threads = options.threads};
+  const std::vector<ForecastLevel> levels = forecast_levels(flown.frames, setup, progress);
+  std::size_t next = 0;  // frame that no look has had
+  for (std::size_t k = 0; k < looks.size(); ++k) {
+    const std::size_t first =
+        next < levels.size() && flown.looks[next] == k ? next : std::max<std::size_t>(next, 1) - 1;
+    while (next < levels.size() && flown.looks[next] == k) ++next;
+    ForecastLevel worst = levels[first];
+    for (std::size_t i = first + 1; i < next; ++i) {
+      const ForecastLevel& level = levels[i];
+      worst.hpl_m = worst.hpl_m && level.hpl_m ? std::optional(std::max(*worst.hpl_m, *level.hpl_m)) : std::nullopt;
+      worst.beyond_share = std::max(worst.beyond_share, level.beyond_share);
+      worst.since_anchor_m = std::max(worst.since_anchor_m, level.since_anchor_m);
+    }
+    looks[k].hpl_m = worst.hpl_m;
+    looks[k].beyond_share = worst.beyond_share;
+    looks[k].since_anchor_m = worst.since_anchor_m;
+  }
+}
+
+// Along the route, until the level is within the limit for the first time.
+double start_of(const std::vector<PredictedLook>& looks, double alert_limit_m, double route_m) {
+  const auto within =
+      std::find_if(looks.begin(), looks.end(), [&](const auto& look) { return !beyond_limit(look, alert_limit_m); });
+  return within == looks.end() ? route_m : within->at_m;
 }
 
 std::string reason_of(const PredictedLeg& leg, const std::vector<PredictedLook>& looks) {
@@ -106,7 +191,7 @@ std::string reason_of(const PredictedLeg& leg, const std::vector<PredictedLook>&
   }
   if (score < kLeastScore) return "the ground has little structure that lasts: water, bare fields, wood";
   if (ratio > kGoodRatio) return "other places look alike: rows of crops, repeated buildings";
-  if (leg.verdict == LegVerdict::good) return "few looks anchor before this leg";
+  if (leg.verdict == LegVerdict::good) return "looks before this leg leave the position in doubt";
   return "looks anchor now and then only";
 }
 
@@ -175,26 +260,8 @@ std::string_view name_of(LegVerdict verdict) {
   return "poor";
 }
 
-void predict_protection(std::vector<PredictedLook>& looks) {
-  for (std::size_t i = 0; i < looks.size(); ++i) {
-    // Backwards, until nine flights of ten have anchored. Looks closer than the correlation count as one, the best.
-    double none = 1, best = 0, group_end_m = looks[i].at_m;
-    std::size_t k = i + 1;
-    double since_m = looks[i].at_m - looks.front().at_m + kUnanchoredStart_m;
-    while (k-- > 0) {
-      if (group_end_m - looks[k].at_m >= kLookCorrelation_m) none *= 1 - best, best = 0, group_end_m = looks[k].at_m;
-      best = std::max(best, looks[k].probability);
-      if (none * (1 - best) <= 1 - kProtectionShare) {
-        since_m = looks[i].at_m - looks[k].at_m;
-        break;
-      }
-    }
-    looks[i].since_anchor_m = since_m;
-    looks[i].hpl_m = kAnchoredProtection_m + kProtectionPerMetre * since_m;
-  }
-}
-
-std::vector<PredictedLeg> legs_of(const std::vector<PredictedLook>& looks, double alert_limit_m, double route_m) {
+std::vector<PredictedLeg> legs_of(const std::vector<PredictedLook>& looks, double alert_limit_m, double route_m,
+                                  double start_m) {
   std::vector<PredictedLeg> legs;
   if (looks.empty()) return legs;
   // Smoothed over a short section: one odd probe is no leg.
@@ -208,9 +275,9 @@ std::vector<PredictedLeg> legs_of(const std::vector<PredictedLook>& looks, doubl
     verdicts.push_back(verdict_of(sum / number));
   }
   for (std::size_t i = 0; i < looks.size(); ++i) {
-    const bool beyond = looks[i].hpl_m > alert_limit_m;
+    const bool beyond = looks[i].at_m >= start_m && beyond_limit(looks[i], alert_limit_m);
     if (legs.empty() || legs.back().verdict != verdicts[i] || legs.back().beyond_alert_limit != beyond) {
-      legs.push_back({verdicts[i], beyond, i, i, looks[i].at_m, 0, 0, 0});
+      legs.push_back({verdicts[i], beyond, i, i, looks[i].at_m, 0, 0, 0.0});
     }
     legs.back().last = i;
   }
@@ -219,7 +286,8 @@ std::vector<PredictedLeg> legs_of(const std::vector<PredictedLook>& looks, doubl
     leg.length_m = (i + 1 < legs.size() ? legs[i + 1].begin_m : route_m) - leg.begin_m;
     for (std::size_t k = leg.first; k <= leg.last; ++k) {
       leg.probability += looks[k].probability / static_cast<double>(leg.last - leg.first + 1);
-      leg.hpl_m = std::max(leg.hpl_m, looks[k].hpl_m);
+      if (looks[k].at_m < start_m) continue;
+      leg.hpl_m = leg.hpl_m && looks[k].hpl_m ? std::optional(std::max(*leg.hpl_m, *looks[k].hpl_m)) : std::nullopt;
     }
   }
   return legs;
@@ -240,8 +308,9 @@ RoutePrediction predict_route(const Mission& mission, const TileSource& tiles, s
   RoutePrediction prediction;
   prediction.terrain_known = terrain != nullptr || mission.terrain.flat || mission.route.all_above_ground();
   prediction.alert_limit_m = mission.integrity.alert_limit_m;
-  prediction.spacing_m = options.spacing_m.value_or(
-      std::max(kLeastSpacing_m, (1 - kFrameOverlap) * options.camera.height / options.camera.fy * mission.route.agl_m));
+  const double frame_spacing_m =
+      std::max(kLeastSpacing_m, (1 - kFrameOverlap) * options.camera.height / options.camera.fy * mission.route.agl_m);
+  prediction.spacing_m = options.spacing_m.value_or(frame_spacing_m);
   prediction.looks = looks_along(mission, frame, ground, prediction.spacing_m, options.camera, prediction.route_m);
   std::vector<PredictedLook>& looks = prediction.looks;
 
@@ -261,14 +330,21 @@ RoutePrediction predict_route(const Mission& mission, const TileSource& tiles, s
       looks.size(), options.threads, make_worker, [&](std::size_t i, const ProbedGround& features) {
         looks[i].features = features;
         looks[i].probability = looks[i].agl_m > 0 ? anchor_probability(features) : 0;
-        looks[i].imagery_age_days = age_days(sidecars, tile_at(looks[i].place, zoom), options.at);
+        looks[i].map_sigma_m = parameters::localizer::kMapSigma_m;
+        if (const Sidecar* tile = sidecar_of(sidecars, tile_at(looks[i].place, zoom))) {
+          looks[i].imagery_age_days = static_cast<int>((options.at.unix_s - tile->captured_at.unix_s) / kSecondsPerDay);
+          looks[i].map_sigma_m = map_sigma_from_ce90(static_cast<double>(tile->ce90_mm) / 1000);
+        }
         progress.advance();
         return true;
       });
   progress.end();
 
-  predict_protection(looks);
-  prediction.legs = legs_of(looks, prediction.alert_limit_m, prediction.route_m);
+  predict_protection(looks, mission, frame, options, frame_spacing_m, progress);
+  prediction.start_m = start_of(looks, prediction.alert_limit_m, prediction.route_m);
+  const double usual_start_m = kUsualStartFootprints * footprint_side_m(options.camera, std::max(1.0, looks[0].agl_m));
+  prediction.legs = legs_of(looks, prediction.alert_limit_m, prediction.route_m,
+                            prediction.start_m <= usual_start_m ? prediction.start_m : 0);
   LookProbes probes(tiles, frame, options.camera, options.search_m, texture);
   progress.begin("trying remedies", prediction.legs.size(), "legs");
   for (PredictedLeg& leg : prediction.legs) {
@@ -278,7 +354,11 @@ RoutePrediction predict_route(const Mission& mission, const TileSource& tiles, s
                                        : prediction.poor_m) += leg.length_m;
     progress.advance();
     if (leg.verdict == LegVerdict::good && !leg.beyond_alert_limit) continue;
-    leg.reason = looks[leg.first].agl_m > 0 ? reason_of(leg, looks) : "the route meets the ground";
+    leg.reason =
+        looks[leg.first].agl_m <= 0 ? "the route meets the ground"
+        : leg.beyond_alert_limit && leg.begin_m < prediction.start_m
+            ? "the start is not confirmed: looks at different ground have to agree first, and " + reason_of(leg, looks)
+            : reason_of(leg, looks);
     if (looks[leg.first].agl_m <= 0 || (leg.verdict == LegVerdict::fair && !leg.beyond_alert_limit)) continue;
     leg.remedies = remedies_for(leg, looks, mission, frame, probes, mission.freshness_days.active);
   }

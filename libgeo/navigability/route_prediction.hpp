@@ -1,15 +1,12 @@
 // Where along the route would the aircraft know its position? Predicted from the package, the camera and the heights.
 //
 // At every frame of the planned flight: the probability that its look anchors (look_model.hpp), and the protection
-// level that the integrity monitor would state. Between anchors odometry drifts, so that the level grows with the
-// distance d since the last one:
+// level that the integrity monitor would state. The flight is drawn many times, look by look, with the belief that
+// flies (protection_forecast.hpp); stated is the level that nine flights of ten stay below.
 //
-//   PL(d) = PL_0 + k d
-//
-// d is uncertain before the flight: what is stated is the level that nine flights of ten stay below. With P_i of the
-// looks behind, the last anchor lies within d with probability 1 - Π (1 - P_i); d is where this passes 0.9. Looks of
-// neighbouring frames fail together (they see the same ground), so that only one look in kLookCorrelation_m counts as
-// new evidence. PL_0, k and the correlation: navigability_parameters.hpp, fitted to simulated flights.
+// The start: a position that a person gave is not believed to the integrity risk. Until looks at different ground have
+// agreed the level is beyond any limit, on every route, for a few footprints. This is stated as start_m and is no leg;
+// a start that takes longer is one, with its reason.
 //
 // A leg is a section of the route with one verdict: good where P is high, poor where it is low, fair between them, and
 // beyond the alert limit where the level exceeds it. Poor legs and those beyond the limit carry the reason, and what
@@ -31,7 +28,10 @@ namespace nadir {
 
 struct PredictionOptions {
   CameraModel camera;
-  std::optional<double> spacing_m;  // of the frames; default: neighbours overlap by 70 %
+  TelemetryUncertainty uncertainty;  // of the camera file
+  std::optional<double> spacing_m;   // of the predicted looks; default: neighbours overlap by 70 %
+  std::optional<double> speed_mps;   // ground speed; default: that of a small fixed wing
+  std::optional<double> interval_s;  // between the flown frames; default: neighbours overlap by 70 %
   double search_m = kMatchabilityRadius_m;
   UtcTime at;  // ages of the imagery
   int threads = 1;
@@ -47,9 +47,11 @@ struct PredictedLook {
   double frame_width_m = 0, frame_height_m = 0;  // the footprint on the ground
   std::optional<int> imagery_age_days;
   ProbedGround features;
-  double probability = 0;  // that the look anchors
-  double since_anchor_m = 0;
-  double hpl_m = 0;  // protection level that nine flights of ten stay below
+  double probability = 0;         // that the look anchors
+  double map_sigma_m = 0;         // one axis of the map's own error here
+  double since_anchor_m = 0;      // at most, in nine flights of ten
+  std::optional<double> hpl_m{};  // protection level that nine flights of ten stay below; nothing: too many have none
+  double beyond_share = 0;        // of the flights: beyond the alert limit, or without a level
 };
 
 struct PredictedLeg {
@@ -58,7 +60,7 @@ struct PredictedLeg {
   std::size_t first = 0, last = 0;  // of the looks
   double begin_m = 0, length_m = 0;
   double probability = 0;               // mean
-  double hpl_m = 0;                     // largest
+  std::optional<double> hpl_m{};        // largest; nothing: one look has none
   std::string reason{};                 // of all but good ones within the limit
   std::vector<std::string> remedies{};  // what helps, by trial
 };
@@ -69,6 +71,7 @@ struct RoutePrediction {
   double spacing_m = 0;
   double route_m = 0;
   double alert_limit_m = 0;
+  double start_m = 0;                                       // of the route, until the start is confirmed
   double good_m = 0, fair_m = 0, poor_m = 0, beyond_m = 0;  // of the route
   bool terrain_known = true;  // false: heights above ground are as if the ground were flat
 };
@@ -79,8 +82,8 @@ struct RoutePrediction {
 RoutePrediction predict_route(const Mission& mission, const TileSource& tiles, std::span<const Sidecar> sidecars,
                               const TerrainRaster* terrain, const PredictionOptions& options, Progress& progress);
 
-// The parts that need no map, for tests and for the bench that fits them.
-void predict_protection(std::vector<PredictedLook>& looks);
-std::vector<PredictedLeg> legs_of(const std::vector<PredictedLook>& looks, double alert_limit_m, double route_m);
+// The part that needs no map, for tests. Looks up to start_m are no reason for a leg to be beyond the limit.
+std::vector<PredictedLeg> legs_of(const std::vector<PredictedLook>& looks, double alert_limit_m, double route_m,
+                                  double start_m = 0);
 
 }  // namespace nadir

@@ -155,7 +155,6 @@ Findings check_plan(const Mission& mission, const std::vector<ImageryInput>& inp
                     UtcTime at) {
   const std::vector<Sidecar> planned = plan_sidecars(mission, inputs, range);
   Findings findings = check_expiry(mission, at);
-  findings.add(check_stated_resolution(inputs));
   const Findings elsewhere = planned.empty() ? check_place(mission, inputs) : Findings();
   findings.add(elsewhere.empty() ? check_coverage(mission, planned) : elsewhere);
   findings.add(check_freshness(mission, planned, at));
@@ -190,7 +189,8 @@ void report_leftovers(const StagingDirectory& staging, const PackageRequest& req
   }
 }
 
-// Writes the whole package; adds its findings. Without errors the folder is complete except for the journal in it.
+// Writes the whole package; its findings take the place of the plan's. Without errors the folder is complete except for
+// the journal in it.
 void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journal, Progress& progress,
                   PackageReport& report) {
   const auto& [request, mission, mission_text, inputs, range, terrain, vectors, at] = plan;
@@ -238,11 +238,14 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
   report.zoom = mission.zoom;
   report.findings = check_plan(mission, inputs, range, at);
   if (request.now) report.findings.add(check_expiry(mission, *request.now, Severity::warning));
-  const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, request.dem, report.findings);
-  if (report.findings.has_errors()) return report;
+  Findings of_inputs = check_stated_resolution(inputs);  // the tiles that are made say nothing of these
+  const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, request.dem, of_inputs);
+  if (report.findings.has_errors() || of_inputs.has_errors()) {
+    report.findings.add(of_inputs);
+    return report;
+  }
   std::optional<PackageVectors> vectors;
-  Findings of_vectors;
-  if (request.vectors) vectors = cut_vectors(*request.vectors, mission, of_vectors);
+  if (request.vectors) vectors = cut_vectors(*request.vectors, mission, of_inputs);
 
   const std::string configuration = describe_build(request, mission_text, inputs);
   StagingDirectory staging(request.out,
@@ -256,7 +259,7 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
     staging.keep(false);
     fill_package(staging.path(), {request, mission, mission_text, inputs, range, terrain, vectors, at}, journal,
                  progress, report);
-    report.findings.add(of_vectors);
+    report.findings.add(of_inputs);
     if (report.findings.has_errors()) {
       progress.end();
       return report;

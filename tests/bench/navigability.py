@@ -5,7 +5,7 @@ usage: navigability.py PROGRAMS [--seeds FIRST LAST] [--flights N] [--work DIR] 
 
 Each seed is a world with a package; over it, flights along random routes at random heights, replayed with the localizer, and predicted by
 `nadir mission predict`. A frame is compared with the predicted look that lies nearest, within half of the spacing; the protection level of its estimate
-with the predicted one, which nine flights of ten should stay below. Seeds below a million fit (--fit prints coefficients for
+with the predicted one, which nine flights of ten should stay below: how often it does, and how many of the frames beyond a limit were predicted so. Seeds below a million fit (--fit prints coefficients for
 navigability_parameters.hpp), those from a million on judge. What a work folder holds already is not made again, so that a bench that was interrupted goes on.
 """
 import argparse
@@ -18,6 +18,8 @@ import subprocess
 import sys
 
 SPACING_M = 80
+SPEED_MPS, INTERVAL_S = 22, 2  # of the simulated flights
+BACK_M, AHEAD_M = 100, 500  # along the route, where the next frame's look is sought: corners are cut
 CAMERA = """model: pinhole
 width: 640
 height: 360
@@ -66,7 +68,7 @@ def fly(programs, work, seed, flights):
                 run(programs, "cache", "build", "--mission", mission, "--imagery", world / "map.tif", "--dem", world / "dem.tif", "--key",
                     work / "planner.key.pem", "--out", world / "package")
             run(programs, "simulate", "flight", "--world", world / "ground.tif", "--dem", world / "dem.tif", "--mission", mission, "--camera",
-                work / "camera.yaml", "--out", folder / "flight", "--seed", seed * 10 + number, "--noise", "real", "--max-frames", 36, "--interval-s", 2)
+                work / "camera.yaml", "--out", folder / "flight", "--seed", seed * 10 + number, "--noise", "real", "--max-frames", 36, "--interval-s", INTERVAL_S)
             flight = folder / "flight"
             run(programs, "replay", "--package", world / "package", "--trust", work / "root.json", "--frames", flight / "frames", "--telemetry",
                 flight / "telemetry.csv", "--camera", flight / "camera.yaml", "--truth", flight / "truth.csv",
@@ -74,15 +76,16 @@ def fly(programs, work, seed, flights):
         prediction = folder / "prediction.json"
         if not prediction.exists():
             prediction.write_text(run(programs, "mission", "predict", folder / "mission.yaml", world / "package", "--camera",
-                                      work / "camera.yaml", "--spacing-m", SPACING_M, "--json", "--quiet"))
+                                      work / "camera.yaml", "--spacing-m", SPACING_M, "--speed-mps", SPEED_MPS, "--interval-s", INTERVAL_S, "--json", "--quiet"))
         yield folder / "prediction.json", folder / "out" / "estimates.csv", folder / "flight" / "truth.csv"
 
 
 def frames_of(prediction, estimates, truth, spacing_m):
-    """[(look, anchored, protection level or None)] of a flight."""
+    """[(look, anchored, protection level or None)] of a flight. Frames follow the route, so that one that crosses itself confuses nothing."""
     looks = json.loads(prediction.read_text())["looks"]
     where = {row["frame"]: (float(row["lon_deg"]), float(row["lat_deg"])) for row in csv.DictReader(truth.open())}
     frames = []
+    reached_m = 0
     for row in csv.DictReader(estimates.open()):
         if row["frame"] not in where:
             continue
@@ -91,8 +94,9 @@ def frames_of(prediction, estimates, truth, spacing_m):
 
         def away(look, lon=lon, lat=lat, metres=metres):
             return math.hypot((look["lon_deg"] - lon) * metres, (look["lat_deg"] - lat) * 111200)
-        look = min(looks, key=away)
+        look = min((look for look in looks if reached_m - BACK_M <= look["at_m"] <= reached_m + AHEAD_M), key=away)
         if away(look) <= spacing_m / 2 + 5:
+            reached_m = look["at_m"]
             frames.append((look, row["source"] == "satellite_anchored", float(row["hpl_m"]) if row["hpl_m"] else None))
     return frames
 
@@ -174,30 +178,37 @@ def judge(name, flights):
 
 
 def judge_levels(flights):
-    """How often the protection level that was flown stays within the predicted one."""
-    levels = [(look["hpl_m"], level) for flight in flights for look, _, level in flight if level is not None]
-    unknown = sum(level is None for flight in flights for _, _, level in flight)
+    """Flown protection levels against predicted ones. No level, in flight or predicted, is an infinite one."""
+    def known(level):
+        return math.inf if level is None else level
+    levels = [(known(look["hpl_m"]), known(level), look["beyond_share"]) for flight in flights for look, _, level in flight]
     if not levels:
         return
-    within = [predicted >= flown for predicted, flown in levels]
-    print(f"  protection level: {len(levels)} frames with one, {unknown} without; {100 * sum(within) / len(within):.1f} % within the predicted level")
-    shares = sorted(sum(look["hpl_m"] >= level for look, _, level in known) / len(known)
-                    for flight in flights if (known := [frame for frame in flight if frame[2] is not None]))
+    predicted, flown = [p for p, _, _ in levels], [f for _, f, _ in levels]
+    within = [p >= f for p, f in zip(predicted, flown)]
+    print(f"  protection level: {len(levels)} frames, {flown.count(math.inf)} without one; {100 * sum(within) / len(within):.1f} % within the predicted level; "
+          f"Spearman {spearman(predicted, flown):.2f}")
+    shares = sorted(sum(known(look["hpl_m"]) >= known(level) for look, _, level in flight) / len(flight) for flight in flights if flight)
     if len(shares) > 2:
         print(f"    of a flight's frames: median {100 * shares[len(shares) // 2]:.0f} %, worst tenth {100 * shares[len(shares) // 10]:.0f} %")
     print("    predicted, flown: median, 90 %, within, frames")
-    for low, high in ((0, 35), (35, 60), (60, 100), (100, 200), (200, math.inf)):
-        part = [(predicted, flown) for predicted, flown in levels if low <= predicted < high]
+    for low, high in ((0, 20), (20, 35), (35, 60), (60, 100), (100, math.inf), (math.inf, None)):
+        part = [(p, f) for p, f in zip(predicted, flown) if low <= p and (high is None or p < high)]
         if part:
-            flown = sorted(level for _, level in part)
-            print(f"    {sum(p for p, _ in part) / len(part):6.0f} m  {flown[len(flown) // 2]:6.0f} m  {flown[min(len(flown) - 1, len(flown) * 9 // 10)]:6.0f} m"
+            sorted_flown = sorted(f for _, f in part)
+            print(f"    {sum(p for p, _ in part) / len(part):6.0f} m  {sorted_flown[len(part) // 2]:6.0f} m  {sorted_flown[min(len(part) - 1, len(part) * 9 // 10)]:6.0f} m"
                   f"  {100 * sum(p >= f for p, f in part) / len(part):5.1f} %  {len(part)}")
-    for limit in (50, 100):
-        warned = [(predicted > limit, flown > limit) for predicted, flown in levels]
-        beyond = [w for w, b in warned if b]
-        if beyond:
-            print(f"    beyond {limit} m in flight: {len(beyond)} frames, {100 * sum(beyond) / len(beyond):.0f} % of them predicted beyond it; "
-                  f"predicted beyond it: {sum(w for w, _ in warned)}")
+    for name, first in (("all frames", 0), ("after a flight's first four", 4)):
+        part = [(known(look["hpl_m"]), known(level)) for flight in flights for look, _, level in flight[first:]]
+        for limit in (50, 100):
+            beyond, warned = [p for p, f in part if f > limit], [f for p, f in part if p > limit]
+            print(f"    {name}: beyond {limit} m in flight {len(beyond)}, of them predicted {sum(p > limit for p in beyond)}; "
+                  f"predicted beyond {len(warned)}; of {len(part)}")
+    print("    share of flights predicted beyond the alert limit, flown beyond 100 m, frames")
+    for low, high in ((0, 0.02), (0.02, 0.1), (0.1, 0.3), (0.3, 0.7), (0.7, 1.01)):
+        part = [(share, f > 100) for _, f, share in levels if low <= share < high]
+        if part:
+            print(f"    {sum(s for s, _ in part) / len(part):.3f}  {sum(hit for _, hit in part) / len(part):.3f}  {len(part)}")
 
 
 def main():

@@ -376,7 +376,7 @@ class MissionsPage(support.EndToEnd):
     # ---- What is shown
 
     def test_layers_barriers_and_windows(self):
-        mission = self.imported("integrity: {alert_limit_m: 20}\n")
+        mission = self.imported("integrity: {alert_limit_m: 10}\n")
         self.desk.json("POST", f"/v1/missions/{mission['id']}/jobs", {"steps": STEPS, "imagery": ["map.tif"], "elevation": "dem.tif", "camera": "camera.yaml", "key": "signer.key.pem"}, 201)
         self.finished(mission["id"])
         axe = find_axe()

@@ -88,7 +88,8 @@ TEST(RoutePrediction, RoofsAreGoodWaterAndTheMapsEdgeArePoor) {
   EXPECT_TRUE(prediction.legs.front().reason.empty());
   const PredictedLeg& last = prediction.legs.back();
   EXPECT_EQ(last.verdict, LegVerdict::poor);
-  EXPECT_TRUE(last.beyond_alert_limit || last.hpl_m < 100);
+  EXPECT_GT(prediction.start_m, 0) << "one look confirms no start";
+  EXPECT_LT(prediction.start_m, 400);
   EXPECT_EQ(prediction.looks.back().probability, 0) << "beyond the map nothing anchors";
   bool water = false;
   for (const PredictedLeg& leg : prediction.legs) water |= leg.reason.find("little structure") != std::string::npos;
@@ -97,8 +98,10 @@ TEST(RoutePrediction, RoofsAreGoodWaterAndTheMapsEdgeArePoor) {
   for (const PredictedLeg& leg : prediction.legs) length_m += leg.length_m;
   EXPECT_NEAR(length_m, prediction.route_m, 1e-6);
   EXPECT_NEAR(prediction.good_m + prediction.fair_m + prediction.poor_m, prediction.route_m, 1e-6);
-  // Over the water the level grows with every metre.
-  EXPECT_GT(prediction.looks[20].hpl_m, prediction.looks[12].hpl_m);
+  // Over the water the level grows with every metre, until there is none.
+  const auto level = [&](std::size_t i) { return prediction.looks[i].hpl_m.value_or(1e9); };
+  EXPECT_LT(level(6), 60);
+  EXPECT_GT(level(20), level(12));
 }
 
 TEST(RoutePrediction, ThreadsDoNotMatter) {
@@ -154,22 +157,51 @@ TEST(RoutePrediction, AnAreaAloneAndEndlessRoutesAreRefused) {
   EXPECT_THROW(predict_route(mission, Coast(), {}, nullptr, options, progress), UsageError);
 }
 
-TEST(RoutePrediction, TheLevelFollowsFromTheLooks) {
-  std::vector<PredictedLook> looks(60);
+std::vector<PredictedLook> looks_with(const std::vector<std::optional<double>>& levels_m, double probability) {
+  std::vector<PredictedLook> looks(levels_m.size());
   for (std::size_t i = 0; i < looks.size(); ++i) {
     looks[i].at_m = 50.0 * static_cast<double>(i);
-    looks[i].probability = i < 20 || i >= 40 ? 0.97 : 0;
+    looks[i].probability = probability;
+    looks[i].hpl_m = levels_m[i];
   }
-  predict_protection(looks);
-  EXPECT_NEAR(looks[19].hpl_m, kAnchoredProtection_m, 1e-9) << "this look anchors in more than nine of ten flights";
-  EXPECT_NEAR(looks[39].since_anchor_m, 20 * 50, 1e-9);
-  EXPECT_NEAR(looks[39].hpl_m, kAnchoredProtection_m + kProtectionPerMetre * 1000, 1e-9);
-  EXPECT_NEAR(looks[40].hpl_m, kAnchoredProtection_m, 1e-9);
-  for (PredictedLook& look : looks) look.probability = 0.7;
-  predict_protection(looks);
-  EXPECT_NEAR(looks[30].since_anchor_m, 2 * 50, 1e-9) << "two independent looks of 0.7 fail once in eleven times";
-  const auto legs = legs_of(looks, 100, 50.0 * 59);
-  ASSERT_EQ(legs.front().verdict, LegVerdict::fair);
+  return looks;
+}
+
+TEST(RoutePrediction, AUsualStartIsNoLegAndAnUnknownLevelIsBeyondTheLimit) {
+  const auto looks = looks_with({std::nullopt, 200, 20, 25, 30, 20, 120, std::nullopt, 20, 20}, 0.97);
+  const auto legs = legs_of(looks, 100, 450, 100);
+  ASSERT_EQ(legs.size(), 3U);
+  EXPECT_FALSE(legs[0].beyond_alert_limit);
+  EXPECT_EQ(legs[0].hpl_m, 30) << "without the start";
+  EXPECT_TRUE(legs[1].beyond_alert_limit);
+  EXPECT_FALSE(legs[1].hpl_m);
+  EXPECT_EQ(legs[2].hpl_m, 20);
+  const auto long_start = legs_of(looks, 100, 450);
+  ASSERT_EQ(long_start.size(), 4U);
+  EXPECT_TRUE(long_start[0].beyond_alert_limit);
+  EXPECT_EQ(long_start[0].last, 1U);
+}
+
+TEST(RoutePrediction, FramesMayBeFlownCloserOrFartherThanLooksArePredicted) {
+  NoProgress progress;
+  PredictionOptions options = options_of();
+  const Mission mission = coastal_mission(-700, 100, 150);
+  const Coast tiles;
+  const auto usual = predict_route(mission, tiles, {}, nullptr, options, progress);
+  double start_m = 0;
+  for (const double interval_s : {0.5, 6.0}) {
+    options.interval_s = interval_s;
+    const auto other = predict_route(mission, tiles, {}, nullptr, options, progress);
+    ASSERT_EQ(other.looks.size(), usual.looks.size());
+    for (std::size_t i = 0; i < other.looks.size(); ++i) {
+      EXPECT_EQ(other.looks[i].probability, usual.looks[i].probability);
+      EXPECT_GE(other.looks[i].beyond_share, 0);
+    }
+    EXPECT_GT(other.start_m, 0) << "one look confirms no start";
+    EXPECT_LT(other.start_m, 500);
+    EXPECT_GE(other.start_m, start_m) << "frames far apart confirm it no sooner";
+    start_m = other.start_m;
+  }
 }
 
 TEST(RoutePrediction, DocumentsAreGeoJsonAndStable) {

@@ -319,8 +319,15 @@ TEST_F(PackageBuilder, AStatedResolutionIsComparedWithThePixels) {
   PackageRequest fine = request("package");
   fine.overrides.gsd_m = 0.001;
   expect_refused(fine, "resolution.implausible");
-  fine.overrides.gsd_m = 0.25;  // pixels of 0.3 m
-  EXPECT_FALSE(build(fine).findings.has_errors());
+  fine.overrides.gsd_m = 0.15;  // pixels of 0.3 m
+  const PackageReport doubtful = build(fine);
+  EXPECT_FALSE(doubtful.findings.has_errors());
+  EXPECT_TRUE(doubtful.findings.contains("resolution.implausible")) << "the tiles do not answer it";
+  fine = request("plausible");
+  fine.overrides.gsd_m = 0.25;
+  const PackageReport plausible = build(fine);
+  EXPECT_FALSE(plausible.findings.has_errors());
+  EXPECT_FALSE(plausible.findings.contains("resolution.implausible"));
 }
 
 TEST_F(PackageBuilder, AMissionElsewhereIsOneFinding) {

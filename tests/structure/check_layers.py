@@ -43,7 +43,7 @@ ALLOWED = {
     # the ground's own
     "raster": "base geodesy imagery package",
     "mission_formats": "base geodesy package raster",
-    "navigability": "base geodesy imagery package vision raster",
+    "navigability": "base geodesy imagery package vision estimation raster",
     "package_build": "base geodesy imagery trust package vision ortho raster",
     "planning": "base geodesy imagery trust package vision raster package_build mission_formats",
     "catalogue": "base geodesy package raster",

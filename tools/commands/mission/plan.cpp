@@ -144,7 +144,9 @@ std::optional<RoutePrediction> MissionPlanCommand::predicted(const Mission& miss
   constexpr double kLooks = 40;
   const RasterTiles tiles(imagery_.front());
   PredictionOptions options;
-  options.camera = read_camera_file(*camera_).camera;
+  const CameraFile camera = read_camera_file(*camera_);
+  options.camera = camera.camera;
+  options.uncertainty = camera.uncertainty;
   options.spacing_m = std::max(1.0, length_m(to_plane(mission_frame(mission), mission.route.points)) / kLooks);
   options.at = context.clock.now();
   options.threads = imagery_options_.threads();

@@ -38,7 +38,7 @@ class MissionPredictCommand final : public Command {
 
  private:
   std::filesystem::path mission_, package_, camera_;
-  std::optional<double> spacing_m_, speed_mps_;
+  std::optional<double> spacing_m_, speed_mps_, interval_s_;
   double search_m_ = 100;
   std::optional<UtcTime> at_;
   std::optional<int> threads_;
@@ -47,8 +47,8 @@ class MissionPredictCommand final : public Command {
 
 std::string_view MissionPredictCommand::details() const {
   return R"(For every frame of the planned route: the footprint, the probability that its look at the map
-anchors, and the protection level that nine flights of ten would stay below, odometry's drift since
-the last anchor included. Legs are good, fair or poor; those beyond the mission's alert limit are
+anchors, and the protection level that nine flights of ten would stay below: 200 flights are drawn,
+with the belief that the aircraft has of its place. Legs are good, fair or poor; those beyond the mission's alert limit are
 marked with the reason and with what helps: another height, a leg beside it, other imagery. Nothing
 is verified.
 
@@ -64,10 +64,13 @@ void MissionPredictCommand::setup(Options& options) {
   options.positional("MISSION.yaml", mission_, "mission whose route is flown").required();
   options.positional("PACKAGE", package_, "package, MBTiles file or COG that it is flown with").required();
   options.value("--camera", camera_, "FILE.yaml", "camera of the flight").required();
-  options.value("--spacing-m", spacing_m_, "M", "distance between frames; default: neighbours overlap by 70 %")
+  options.value("--spacing-m", spacing_m_, "M", "distance between predicted looks; default: 70 % overlap")
       .between(1, 5000);
   options.value("--search-m", search_m_, "M", "search radius of the flight").between(60, 1200);
-  options.value("--speed-mps", speed_mps_, "V", "ground speed, to give legs in seconds as well").between(1, 300);
+  options.value("--speed-mps", speed_mps_, "V", "ground speed (20); given, legs are in seconds as well")
+      .between(1, 300);
+  options.value("--interval-s", interval_s_, "S", "time between the flight's frames; default: 70 % overlap")
+      .between(0.05, 60);
   options.value("--at", at_, "TIME", "evaluate the imagery's age as of this time");
   options.value("--threads", threads_, "N", "threads; default: one per processor").between(1, 256);
   options.value("--out", out_, "FILE.geojson", "legs and frames as GeoJSON");
@@ -87,21 +90,32 @@ void print(std::ostream& out, const RoutePrediction& prediction, const std::opti
     return fmt::format("{:.0f} m, {:.0f} % of the route", length_m,
                        prediction.route_m > 0 ? 100 * length_m / prediction.route_m : 0);
   };
-  double worst_m = 0;
-  for (const PredictedLook& look : prediction.looks) worst_m = std::max(worst_m, look.hpl_m);
-  print_figures(
-      out, {{"route", fmt::format("{:.0f} m, {} {:.0f} m apart", prediction.route_m,
-                                  count(prediction.looks.size(), "frame"), prediction.spacing_m)},
-            {"good", share(prediction.good_m)},
-            {"fair", share(prediction.fair_m)},
-            {"poor", share(prediction.poor_m)},
-            {"beyond the alert limit", fmt::format("{} (limit {:g} m, largest level {:.0f} m)",
-                                                   share(prediction.beyond_m), prediction.alert_limit_m, worst_m)}});
+  const auto level_text = [](const std::optional<double>& hpl_m) {
+    return hpl_m ? fmt::format("{:.0f} m", *hpl_m) : "unknown";
+  };
+  std::optional<double> worst_m = 0;
+  for (const PredictedLook& look : prediction.looks) {
+    if (look.at_m < prediction.start_m) continue;
+    worst_m = worst_m && look.hpl_m ? std::optional(std::max(*worst_m, *look.hpl_m)) : std::nullopt;
+  }
+  print_figures(out, {{"route", fmt::format("{:.0f} m, {} {:.0f} m apart", prediction.route_m,
+                                            count(prediction.looks.size(), "frame"), prediction.spacing_m)},
+                      {"start confirmed after", prediction.start_m < prediction.route_m
+                                                    ? fmt::format("{:.0f} m", prediction.start_m)
+                                                    : "nothing: the level never comes within the limit"},
+                      {"good", share(prediction.good_m)},
+                      {"fair", share(prediction.fair_m)},
+                      {"poor", share(prediction.poor_m)},
+                      {"beyond the alert limit",
+                       fmt::format("{} (limit {:g} m, largest level after the start {})", share(prediction.beyond_m),
+                                   prediction.alert_limit_m, level_text(worst_m))}});
   for (const PredictedLeg& leg : prediction.legs) {
     if (leg.verdict == LegVerdict::good && !leg.beyond_alert_limit) continue;
-    out << fmt::format("{}{}: {}\n  {:.0f} % of the looks anchor, protection level up to {:.0f} m: {}\n",
-                       name_of(leg.verdict), leg.beyond_alert_limit ? ", beyond the alert limit" : "",
-                       where_text(prediction, leg, speed_mps), 100 * leg.probability, leg.hpl_m, leg.reason);
+    out << fmt::format("{}{}: {}\n  {:.0f} % of the looks anchor, {}: {}\n", name_of(leg.verdict),
+                       leg.beyond_alert_limit ? ", beyond the alert limit" : "", where_text(prediction, leg, speed_mps),
+                       100 * leg.probability,
+                       leg.hpl_m ? "protection level up to " + level_text(leg.hpl_m) : "no protection level",
+                       leg.reason);
     for (const std::string& remedy : leg.remedies) out << "  helps: " << remedy << '\n';
   }
 }
@@ -110,7 +124,11 @@ int MissionPredictCommand::run(Context& context) {
   const Mission mission = read_mission(mission_);
   const TileSetSubject subject = find_tile_set(package_);
   PredictionOptions options;
-  options.camera = read_camera_file(camera_).camera;
+  const CameraFile camera = read_camera_file(camera_);
+  options.camera = camera.camera;
+  options.uncertainty = camera.uncertainty;
+  options.speed_mps = speed_mps_;
+  options.interval_s = interval_s_;
   options.spacing_m = spacing_m_;
   options.search_m = search_m_;
   options.at = evaluation_time(at_, context.clock);
