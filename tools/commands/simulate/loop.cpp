@@ -153,11 +153,20 @@ int SimulateLoopCommand::run(Context& context) {
   if (out_ && fs::exists(*out_)) {
     throw UsageError({.what = "the folder exists", .where = out_->string(), .fix = "choose another --out"});
   }
+  if (world_) read_mission(*world_ / "mission.yaml");  // a wrong name is found before anything is made
   std::optional<ScratchFolder> scratch;
   if (out_) fs::create_directories(*out_);
   if (!out_) scratch.emplace("nadir-loop");
   const fs::path folder = out_ ? fs::absolute(*out_) : scratch->path();
-  const LoopInputs inputs = make_loop_inputs(nadir, world_, folder, context);
+  const LoopInputs inputs = [&] {
+    try {
+      return make_loop_inputs(nadir, world_, folder, context);
+    } catch (...) {
+      std::error_code ignored;
+      if (out_) fs::remove_all(folder, ignored);
+      throw;
+    }
+  }();
   const LoopFigures figures = fly(inputs, nadir, nadird, folder, page, context);
   report(context, figures, page);
   throw_if_interrupted();
