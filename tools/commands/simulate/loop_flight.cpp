@@ -20,8 +20,9 @@ namespace {
 using LoopClock = std::chrono::steady_clock;
 
 constexpr double kGpsFails_s = 60, kDark_s = 15;
-const Eigen::Vector2d kSpoofedBy_m(282, 103);  // 300 m
-constexpr double kRowPeriod_s = 0.1, kLinePeriod_s = 10, kFallsBehind_s = 1, kPollPeriod_s = 0.25, kPollStale_s = 1.5;
+constexpr int kStepsPerRow = 5, kStepsPerLine = 500;  // 0.1 s, 10 s
+const Eigen::Vector2d kSpoofedBy_m(282, 103);         // 300 m
+constexpr double kFallsBehind_s = 1, kPollPeriod_s = 0.25, kPollStale_s = 1.5;
 
 // What nadird says of itself, asked a few times a second.
 class StatusPoll {
@@ -157,8 +158,7 @@ class LoopFlight {
     }
     for (const std::string& text : autopilot_.take_texts()) say("\"" + text + "\"");
     if (aircraft_.by_given_position()) figures_.by_fixes_s += SimulatedAircraft::kStep_s;
-    if (now_s >= next_row_s_) {
-      next_row_s_ = now_s + kRowPeriod_s;
+    if (steps_ % kStepsPerRow == 0) {
       status_ = poll_.latest();
       off_track_m_.push_back(aircraft_.off_track_m());
       write_row();
@@ -167,10 +167,7 @@ class LoopFlight {
     const bool usable = status_ && status_->usable;
     if (usable && !figures_.usable_from_s) figures_.usable_from_s = now_s;
     if (figures_.usable_from_s && !usable) figures_.unusable_s += SimulatedAircraft::kStep_s;
-    if (now_s >= next_line_s_) {
-      next_line_s_ = now_s + kLinePeriod_s;
-      say_progress();
-    }
+    if (steps_++ % kStepsPerLine == 0) say_progress();
   }
 
   bool has_fix() const { return given_s_ && aircraft_.now_s() - *given_s_ < 1; }
@@ -206,7 +203,8 @@ class LoopFlight {
 
   bool gps_failed_ = false, dark_ = false;
   GivenPosition given_;
-  double fix_error_m_ = 0, next_row_s_ = 0, next_line_s_ = 0;
+  int steps_ = 0;
+  double fix_error_m_ = 0;
   std::optional<double> given_s_;
   std::optional<WatchedStatus> status_;
   std::vector<double> fix_errors_m_, off_track_m_;
