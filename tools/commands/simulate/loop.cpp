@@ -58,10 +58,10 @@ class SimulateLoopCommand final : public Command {
 };
 
 std::string_view SimulateLoopCommand::details() const {
-  return R"(Starts a camera over a landscape, nadird with a signed map of it, and a simulated aircraft that flies
-laps by the positions that nadird sends. After a minute (a third of a shorter flight) GPS fails. The
-address of nadird's page is printed at the start, and at the end how far the positions were from the
-truth, how far the aircraft was from its plan, and for how long no position was usable.
+  return R"(Starts a camera over a landscape, nadird with a signed map of it, and a simulated aircraft that
+flies laps by the positions that nadird sends. After a minute (a third of a shorter flight) GPS
+fails. The address of nadird's page is printed at the start, and at the end how far the positions
+were from the truth, how far the aircraft was from its plan, and for how long none was usable.
 
 --circumstance: denied, no GPS; spoofed, GPS says 300 m from the truth; blackout, no GPS, and after
 another minute no frames for 15 s.
@@ -77,9 +77,8 @@ nadir simulate loop --world flown/world --circumstance blackout)";
 
 void SimulateLoopCommand::setup(Options& options) {
   options.value("--world", world_, "DIR", "landscape of `nadir simulate world`; default: one of 2 × 2 km is made");
-  options.value("--autopilot", autopilot_, "ardupilot|px4", "what the aircraft speaks").one_of({"ardupilot", "px4"});
-  options.value("--circumstance", circumstance_, "denied|spoofed|blackout", "what goes wrong")
-      .one_of({"denied", "spoofed", "blackout"});
+  options.value("--autopilot", autopilot_, "NAME", "what the aircraft speaks").one_of({"ardupilot", "px4"});
+  options.value("--circumstance", circumstance_, "NAME", "what goes wrong").one_of({"denied", "spoofed", "blackout"});
   options.value("--minutes", minutes_, "N", "duration of the flight").between(0.2, 600);
   options.value("--port", port_, "N", "of nadird's page on this machine; 0: any free one").between(0, 65535);
   options.value("--out", out_, "DIR", "folder to create, with world, package, recording and track.csv");

@@ -86,8 +86,9 @@ void LoopAutopilot::hear() {
   const std::int64_t now_us = std::llround(aircraft_.now_s() * 1e6);
   truth_.transport->advance(now_us, [&](const Transport::Arrival&) { truth_.transport->follow_sender(now_us); });
   link_.transport->advance(now_us, [&](const Transport::Arrival& arrival) {
-    link_.transport->follow_sender(now_us);
+    if (!link_.transport->follow_sender(now_us)) return;  // nadird is there, and this is somebody else
     link_.reader.add(arrival.bytes);
+    if (arrival.whole) link_.reader.finish();
     while (const auto frame = link_.reader.next()) take(*frame);
   });
 }

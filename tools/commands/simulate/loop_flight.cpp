@@ -158,7 +158,7 @@ class LoopFlight {
     }
     for (const std::string& text : autopilot_.take_texts()) say("\"" + text + "\"");
     if (aircraft_.by_given_position()) figures_.by_fixes_s += SimulatedAircraft::kStep_s;
-    if (steps_ % kStepsPerRow == 0) {
+    if (++steps_ % kStepsPerRow == 0) {
       status_ = poll_.latest();
       off_track_m_.push_back(aircraft_.off_track_m());
       write_row();
@@ -167,7 +167,7 @@ class LoopFlight {
     const bool usable = status_ && status_->usable;
     if (usable && !figures_.usable_from_s) figures_.usable_from_s = now_s;
     if (figures_.usable_from_s && !usable) figures_.unusable_s += SimulatedAircraft::kStep_s;
-    if (steps_++ % kStepsPerLine == 0) say_progress();
+    if (steps_ % kStepsPerLine == 0) say_progress();
   }
 
   bool has_fix() const { return given_s_ && aircraft_.now_s() - *given_s_ < 1; }
