@@ -216,6 +216,8 @@ LoopFigures SimulateLoopCommand::fly(const LoopInputs& inputs, const fs::path& n
                                  folder / "record",
                                  "--listen",
                                  page.substr(page.find("127."))};
+  const LonLat start = frame.lonlat_from_plane(aircraft.circuit().point(0));
+  words.push_back(fmt::format("--start={:.7f},{:.7f}", start.lon_deg, start.lat_deg));  // as one who takes off knows it
   if (px4) words.push_back("--switch-gps");
   BackgroundProgram service(words, folder);
   wait_for_page(page, service);
