@@ -30,6 +30,7 @@ BackgroundProgram::BackgroundProgram(std::vector<std::string> words, std::filesy
         };
         try {
           const ProgramResult result = run_program_call(call, keep, [&stop] { return stop.stop_requested(); });
+          output_ = result.out;
           keep(fmt::format("exit code {}", result.exit_code));
         } catch (const std::exception& error) {
           keep(error.what());

@@ -25,12 +25,14 @@ class BackgroundProgram {
   void must_be_running() const;  // throws Error with what it said last
   // Until it has said a line with this text. Throws Error when it ends before or seconds pass, Interrupted on Ctrl-C.
   void wait_until_it_says(std::string_view text, double seconds);
-  void end();  // in order (SIGTERM); waits for it
+  void end();                                            // in order (SIGTERM); waits for it
+  const std::string& output() const { return output_; }  // standard output; after end()
 
  private:
   std::string name_;
   mutable std::mutex mutex_;
   std::deque<std::string> said_;
+  std::string output_;
   std::atomic<bool> ended_ = false;
   std::jthread thread_;  // last: it uses everything above
 };

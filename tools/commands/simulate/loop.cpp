@@ -190,11 +190,27 @@ LoopFigures SimulateLoopCommand::fly(const LoopInputs& inputs, const fs::path& n
   LoopAutopilot autopilot(px4 ? AutopilotType::px4 : AutopilotType::ardupilot, aircraft, frame);
   for (const char* name : {"frames", "state", "record"}) fs::create_directories(folder / name);
 
-  BackgroundProgram camera(
-      {nadir.string(), "simulate", "camera", "--world", inputs.world / "ground.tif", "--dem", inputs.world / "dem.tif",
-       "--camera", inputs.world / "camera.yaml", "--pose-from", autopilot.truth_endpoint(), "--out", folder / "frames",
-       "--fps", fmt::format("{}", fps_), "--keep", "30", "--delay-s", fmt::format("{}", kLoopCaptureDelay_s)},
-      folder);
+  BackgroundProgram camera({nadir.string(),
+                            "simulate",
+                            "camera",
+                            "--world",
+                            inputs.world / "ground.tif",
+                            "--dem",
+                            inputs.world / "dem.tif",
+                            "--camera",
+                            inputs.world / "camera.yaml",
+                            "--pose-from",
+                            autopilot.truth_endpoint(),
+                            "--out",
+                            folder / "frames",
+                            "--fps",
+                            fmt::format("{}", fps_),
+                            "--keep",
+                            "30",
+                            "--delay-s",
+                            fmt::format("{}", kLoopCaptureDelay_s),
+                            "--json"},
+                           folder);
   camera.wait_until_it_says("waiting for poses", kStart_s);
   std::vector<std::string> words{nadird.string(),
                                  "--package",
@@ -231,9 +247,14 @@ LoopFigures SimulateLoopCommand::fly(const LoopInputs& inputs, const fs::path& n
                                 camera.must_be_running();
                                 service.must_be_running();
                               }};
-  const LoopFigures figures = fly_loop(setup, aircraft, autopilot, frame, context);
+  LoopFigures figures = fly_loop(setup, aircraft, autopilot, frame, context);
   service.end();  // whole: its recording is complete
   camera.end();
+  const nlohmann::json frames = nlohmann::json::parse(camera.output(), nullptr, false);
+  if (frames.is_object()) {
+    figures.frames = frames.value("frames", 0);
+    figures.frames_late = frames.value("frames_late", 0);
+  }
   return figures;
 }
 
@@ -255,6 +276,8 @@ void SimulateLoopCommand::report(Context& context, const LoopFigures& figures, c
                              {"flown_s", rounded(figures.flown_s)},
                              {"lap_m", rounded(figures.lap_m, 1)},
                              {"late_s", rounded(figures.late_s)},
+                             {"frames", figures.frames},
+                             {"frames_late", figures.frames_late},
                              {"fixes", figures.fixes},
                              {"fix_error_m", spread_json(figures.fix_error_m)},
                              {"off_track_m", spread_json(figures.off_track_m)},
@@ -274,8 +297,10 @@ void SimulateLoopCommand::report(Context& context, const LoopFigures& figures, c
       {"positions from the truth", fmt::format("{}; {} of them", spread_text(figures.fix_error_m), figures.fixes)},
       {"aircraft from its plan", spread_text(figures.off_track_m)},
       {"not usable", usable}};
-  if (figures.late_s > 0) {
-    table.emplace_back("machine too slow", fmt::format("{:.1f} s behind real time", figures.late_s));
+  if (figures.late_s > 0 || figures.frames_late > 0) {
+    table.emplace_back("machine too slow",
+                       fmt::format("{} of {} frames later than nadird reckons with; {:.1f} s behind real time",
+                                   figures.frames_late, figures.frames, figures.late_s));
   }
   if (out_) table.emplace_back("kept in", out_->string());
   print_figures(context.out, table);

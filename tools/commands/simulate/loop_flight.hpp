@@ -34,6 +34,7 @@ struct LoopFigures {
   std::optional<Spread> fix_error_m{}, off_track_m{};
   double by_fixes_s = 0;                  // flown by nadird's positions
   std::optional<double> usable_from_s{};  // nadird's position was usable for the first time
+  int frames = 0, frames_late = 0;        // late: delivered after the delay that nadird reckons with
   double unusable_s = 0;                  // since then
 };
 
