@@ -16,6 +16,10 @@ set(NADIR_COMPUTES $<$<CONFIG:Release>:-O3>)
 # Results must not depend on whether the compiler contracts a*b+c.
 add_compile_options(-ffp-contract=off)
 
+# Names of files, in line tables and messages, count from the checkout: two folders give the same bytes. In gdb: `directory`
+# with the checkout. A build folder inside of it is named by the second map, because the last one that fits counts.
+add_compile_options("-ffile-prefix-map=${PROJECT_SOURCE_DIR}=." "-ffile-prefix-map=${PROJECT_BINARY_DIR}=./build")
+
 # Four fifths of compiling is reading headers and instantiating templates (docs/building.md): the sources of a folder are
 # compiled sixteen at a time. So names in anonymous namespaces are unique in their folder. OFF compiles each source by itself:
 # for clang-tidy, and now and then to see that each includes what it uses.

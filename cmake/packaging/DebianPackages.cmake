@@ -44,7 +44,7 @@ macro(nadir_package component)
   endif()
 endmacro()
 
-nadir_package(nadir SECTION science RECOMMENDS "nadir-doc" SUGGESTS "ffmpeg"
+nadir_package(nadir SECTION science RECOMMENDS "nadir-doc" SUGGESTS "nadird, ffmpeg"
   DESCRIPTION "offline map packages for GPS-denied flight, and replay against them
 Builds, signs and checks the map packages by which an unmanned aircraft
 finds its position with a camera when GPS is jammed or spoofed, replays

@@ -63,6 +63,7 @@ std::vector<char*> pointers_to(std::vector<std::string>& words) {
 // Between fork and exec: nothing but system calls.
 [[noreturn]] void become(const char* folder, char* const* words, char* const* variables, int out, int err,
                          pid_t parent) {
+  ::setpgid(0, 0);  // Ctrl-C is ours to pass on: nadird would take the terminal's and ours for two, and end at once
   ::prctl(PR_SET_PDEATHSIG, SIGTERM);
   if (::getppid() != parent) ::_exit(kNotStarted);  // it ended before that
   const int nothing = ::open("/dev/null", O_RDONLY);

@@ -74,10 +74,13 @@ AutopilotLink::AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock,
                      std::move(signing));
     stations_.push_back({station, std::move(streams), std::move(link), 0});
   }
-  thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
 }
 
 AutopilotLink::~AutopilotLink() { stop(); }
+
+void AutopilotLink::start() {
+  thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
+}
 
 void AutopilotLink::stop() {
   thread_.request_stop();

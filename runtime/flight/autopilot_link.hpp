@@ -144,6 +144,8 @@ class AutopilotLink {
   AutopilotLink(const AutopilotLink&) = delete;
   AutopilotLink& operator=(const AutopilotLink&) = delete;
 
+  // Once: the thread begins. A listener may use the link, and so its owner must have it before.
+  void start();
   void stop();  // joins the thread; later messages are lost
 
   // From any thread.

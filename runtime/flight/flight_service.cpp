@@ -192,6 +192,7 @@ void FlightService::start_link() {
   listener.on_parameter_changed = [this](const ParameterChanged& changed) { publish(changed); };
   listener.on_rival = [this](std::uint64_t frames) { publish(LinkRivalSeen{frames}); };
   link_ = std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_, std::move(listener));
+  link_->start();  // on_command() uses link_
 }
 
 void FlightService::start_camera(std::unique_ptr<CameraSource> source) {

@@ -55,6 +55,7 @@ class AutopilotLinkTest : public ::testing::Test {
                                   const std::scoped_lock lock(mutex_);
                                   due_.push_back(std::move(due));
                                 }});
+    link_->start();
     peer_.listen_until([&] { return heartbeats() == 1; });
   }
 
@@ -401,7 +402,7 @@ TEST_F(AutopilotLinkTest, CountsWhatItSendsAndSendsNothingAfterStop) {
 class ListeningLink : public ::testing::Test {
  protected:
   // A link at a port of its own, to which the autopilot (7/1) and others can send.
-  void begin(std::vector<StationSetup> stations = {}) {
+  void begin(std::vector<StationSetup> stations = {}, bool and_start = true) {
     auto transport = make_transport(parse_endpoint("udpin:127.0.0.1:0"));
     transport->advance(0, [](const Transport::Arrival&) {});
     endpoint_ = "udpout:127.0.0.1:" + std::to_string(transport->local_port());
@@ -418,6 +419,7 @@ class ListeningLink : public ::testing::Test {
                                                                 [](double) {},
                                                                 {},
                                                                 [this](std::uint64_t frames) { rivals_ = frames; }});
+    if (and_start) link_->start();
     ServiceStatus status;
     status.state = ServiceState::normal;
     status.serves_fixes = true;
@@ -461,6 +463,23 @@ class ListeningLink : public ::testing::Test {
   std::atomic<std::uint64_t> rivals_ = 0;
   std::unique_ptr<AutopilotLink> link_;
 };
+
+// A listener may use the link by its owner's pointer, which the constructor has not returned to yet.
+TEST_F(ListeningLink, HearsNobodyBeforeItIsStarted) {
+  begin({}, false);
+  test::LinkPeer autopilot(endpoint_);
+  autopilot.send(heartbeat(7));
+  std::this_thread::sleep_for(std::chrono::milliseconds(200));
+  EXPECT_EQ(received(7), 0U);
+  link_->start();
+  wait_until([&] { return received(7) == 1; });
+}
+
+TEST_F(ListeningLink, AStopWithoutAStartIsClean) {
+  begin({}, false);
+  link_->stop();
+  EXPECT_EQ(received(7), 0U);
+}
 
 TEST_F(ListeningLink, FixesGoToTheConfiguredAutopilotAlone) {
   begin();

@@ -55,6 +55,7 @@ class UpkeepAtTheEnd : public ::testing::Test {
     link.transport = make_transport(parse_endpoint(peer_.endpoint()));
     link_ = std::make_unique<AutopilotLink>(std::move(link), clock_, watch_,
                                             AutopilotLink::Listener{[](double, const ReceivedMessage&) {}, {}, {}});
+    link_->start();
     upkeep_->start(*link_);
   }
   std::string finish() {

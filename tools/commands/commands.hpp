@@ -46,6 +46,7 @@ std::unique_ptr<Command> make_provision_autopilot();
 std::unique_ptr<Command> make_simulate_world();
 std::unique_ptr<Command> make_simulate_flight();
 std::unique_ptr<Command> make_simulate_camera();
+std::unique_ptr<Command> make_simulate_loop();
 std::unique_ptr<Command> make_flight_import();
 std::unique_ptr<Command> make_flight_geotag();
 std::unique_ptr<Command> make_replay();

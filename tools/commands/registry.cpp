@@ -42,6 +42,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
                           make_simulate_world,
                           make_simulate_flight,
                           make_simulate_camera,
+                          make_simulate_loop,
                           make_flight_import,
                           make_flight_geotag,
                           make_replay,

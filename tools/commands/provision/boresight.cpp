@@ -15,6 +15,7 @@
 #include "cli/output.hpp"
 #include "commands/commands.hpp"
 #include "commands/keys/root_signing.hpp"
+#include "commands/scratch_folder.hpp"
 #include "estimation/localizer.hpp"
 #include "geodesy/angles.hpp"
 #include "provision/airframe_manifest.hpp"
@@ -29,28 +30,6 @@ namespace {
 std::string with_sigma(double value_rad, double sigma_rad) {
   return fmt::format("{:+.2f}° (σ {:.2f}°)", degrees(value_rad), degrees(sigma_rad));
 }
-
-// Where images from a recording are unpacked; removed afterwards.
-class ScratchFolder {
- public:
-  ScratchFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "nadir-boresight.XXXXXX").string();
-    if (::mkdtemp(name.data()) == nullptr) {
-      throw Error({.what = "cannot create a temporary folder", .where = name, .fix = "set TMPDIR to a folder"});
-    }
-    path_ = name;
-  }
-  ~ScratchFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  ScratchFolder(const ScratchFolder&) = delete;
-  ScratchFolder& operator=(const ScratchFolder&) = delete;
-  const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
 
 class ProvisionBoresightCommand final : public Command {
  public:
@@ -191,7 +170,7 @@ int ProvisionBoresightCommand::run(Context& context) {
                       .fix = "move it away, or choose another --out"});
   }
   if (out_) date_file(airframe, context.clock);
-  const ScratchFolder scratch;
+  const ScratchFolder scratch("nadir-boresight");
   const Flight flight = read_flight_segment(scratch.path());
   Opening opening =
       open_flight_map({package_, trust_, std::nullopt}, evaluation_time(at_, context.clock), context.progress);
