@@ -179,17 +179,6 @@ ApiResponse list_answer(const char* name, const Rows& rows, const Format& format
   return without_cache(json_answer(200, {{name, std::move(list)}}));
 }
 
-ApiResponse look(const DeskRoute& route, const FlightStore& store) {
-  if (route.frame >= store.processed()) return not_found("frame", "no processed frame has this number");
-  const StoredFrame stored = store.stored_frame(route.frame);
-  if (route.path == DeskPath::look) {
-    return without_cache(json_answer(200, look_json(route.frame, store.look_of(route.frame), stored)));
-  }
-  const Bytes& image = route.path == DeskPath::seen ? stored.seen : stored.map;
-  if (image.empty()) return not_found("look", "no image of a look at the map was kept for this frame");
-  return image_answer(as_text(image), ImageFormat::jpeg);
-}
-
 // Its share of the memory for bodies, until the response is written.
 struct DeskAdmission final : HttpAdmission {
   DeskAdmission(DeskRoute to, std::atomic<std::uint64_t>& all_bodies) : route(std::move(to)), all(all_bodies) {}
@@ -347,8 +336,24 @@ ApiResponse DeskApi::flight_call(const DeskRoute& route, const ApiRequest& reque
       flight->request_completion();
       return json_answer(202, {{"completion_requested", true}});
     case DeskPath::export_track: return export_track(request, *flight);
-    default: return look(route, store);
+    default: return look(route, *flight);
   }
+}
+
+// Of a frame whose segment was placed as a whole, the look in flight was at another place.
+ApiResponse DeskApi::look(const DeskRoute& route, const LiveFlight& flight) const {
+  const FlightStore& store = flight.store();
+  if (route.frame >= store.processed()) return not_found("frame", "no processed frame has this number");
+  const auto anew = placed_looks_.of(flight.id(), store, ground_of(store), route.frame);
+  const StoredFrame stored = anew ? StoredFrame{} : store.stored_frame(route.frame);
+  const Bytes &seen = anew ? anew->seen : stored.seen, &map = anew ? anew->map : stored.map;
+  if (route.path == DeskPath::look) {
+    const AnchorReport report = anew ? anew->report : store.look_of(route.frame);
+    return without_cache(json_answer(200, look_json(route.frame, report, seen, map, anew != nullptr)));
+  }
+  const Bytes& image = route.path == DeskPath::seen ? seen : map;
+  if (image.empty()) return not_found("look", "no image of a look at the map was kept for this frame");
+  return without_cache({.content_type = "image/jpeg", .body = std::string(as_text(image))});  // a placement changes it
 }
 
 FlightGround DeskApi::ground_of(const FlightStore& store) const {

@@ -13,6 +13,7 @@
 
 #include "desk/desk_service.hpp"
 #include "desk/frame_geometry.hpp"
+#include "desk/placed_look.hpp"
 #include "http/fair_queue.hpp"
 #include "http/server.hpp"
 
@@ -48,6 +49,7 @@ class DeskApi final : public HttpHandler {
   ApiResponse dispatch(const DeskRoute& route, const ApiRequest& request) const;
   ApiResponse flight_call(const DeskRoute& route, const ApiRequest& request,
                           const std::shared_ptr<LiveFlight>& flight) const;
+  ApiResponse look(const DeskRoute& route, const LiveFlight& flight) const;
   FlightGround ground_of(const FlightStore& store) const;
   ApiResponse create(const ApiRequest& request) const;
   ApiResponse take_pictures(const ApiRequest& request, LiveFlight& flight) const;
@@ -57,7 +59,8 @@ class DeskApi final : public HttpHandler {
   FairQueue& queue_;
   const DeskApiOptions options_;
   mutable std::atomic<std::uint64_t> bodies_bytes_ = 0;  // of all admitted requests
-  mutable std::mutex decoding_;                          // one preview at a time: a large PNG takes memory
+  mutable PlacedLooks placed_looks_;
+  mutable std::mutex decoding_;  // one preview at a time: a large PNG takes memory
 };
 
 }  // namespace nadir

@@ -205,8 +205,9 @@ json segment_json(const FlightSegment& segment) {
           {"anchored_frame", segment.anchored_frame ? json(*segment.anchored_frame) : json()}};
 }
 
-json look_json(std::size_t frame, const AnchorReport& look, const StoredFrame& stored) {
+json look_json(std::size_t frame, const AnchorReport& look, const Bytes& seen, const Bytes& map, bool anew) {
   return {{"frame", frame},
+          {"of", anew ? "placement" : "flight"},
           {"verdict", name_of(look.verdict)},
           {"score", number(look.score)},
           {"ratio", number(look.ratio)},
@@ -217,8 +218,8 @@ json look_json(std::size_t frame, const AnchorReport& look, const StoredFrame& s
           {"place_doubt", number(look.place_doubt)},
           {"window_radius_m", number(look.window_radius_m)},
           {"heading_deg", number(degrees(look.heading_rad))},
-          {"seen", !stored.seen.empty()},
-          {"map", !stored.map.empty()}};
+          {"seen", !seen.empty()},
+          {"map", !map.empty()}};
 }
 
 std::string event_text(const EventRow& event) {

@@ -24,7 +24,8 @@ nlohmann::json flight_json(const FlightSummary& flight, const FlightStore& store
 nlohmann::json answers_json(std::span<const PictureAnswer> answers);
 nlohmann::json estimate_json(std::size_t frame, const Estimate& estimate);
 nlohmann::json segment_json(const FlightSegment& segment);
-nlohmann::json look_json(std::size_t frame, const AnchorReport& look, const StoredFrame& stored);
+// seen, map: the images of the look. anew: at the place where its segment was placed, not in flight.
+nlohmann::json look_json(std::size_t frame, const AnchorReport& look, const Bytes& seen, const Bytes& map, bool anew);
 
 // "id: …\nevent: …\ndata: …\n\n": the event's members, with its time and its frame.
 std::string event_text(const EventRow& event);

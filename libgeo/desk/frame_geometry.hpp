@@ -34,6 +34,7 @@ class FlightGround {
 
   const LocalFrame& plane() const { return plane_; }
   const GroundSurface& surface() const;
+  const DeskPackage* package() const { return package_.get(); }
 
  private:
   std::shared_ptr<const DeskPackage> package_;

@@ -22,7 +22,6 @@ namespace nadir {
 namespace {
 
 constexpr const char* kCompletionFile = "completion-requested";
-constexpr const char* kDiagnosisFile = "diagnosis.txt";
 constexpr const char* kReconstructionFile = "colmap.zip";
 // Floating segments are placed while there is nothing else to do. Where pictures arrive without end, for so long of
 // each period: one search or look after a frame.
@@ -79,6 +78,12 @@ class SharedProgress final : public Progress {
   std::uint64_t done_ = 0, total_ = 1;
 };
 
+std::string diagnosis_of(const StoredFlightEvent& event) {
+  const nlohmann::json body = nlohmann::json::parse(event.body, nullptr, false);
+  const auto text = body.is_object() ? body.find("diagnosis") : body.end();
+  return text != body.end() && text->is_string() ? text->get<std::string>() : std::string();
+}
+
 }  // namespace
 
 bool EngineSlots::take(const std::stop_token& stop) {
@@ -119,13 +124,16 @@ LiveFlight::LiveFlight(std::string id, std::unique_ptr<FlightStore> store, const
     : id_(std::move(id)),
       store_(std::move(store)),
       completion_file_(folder / kCompletionFile),
-      diagnosis_file_(folder / kDiagnosisFile),
       reconstruction_file_(folder / kReconstructionFile),
       packages_(packages),
       slots_(slots),
       clock_(std::move(clock)) {
   completion_requested_ = std::filesystem::exists(completion_file_);
-  if (std::filesystem::exists(diagnosis_file_)) diagnosis_ = as_text(read_file(diagnosis_file_));
+  for (const EventRow& row : store_->events_of(FlightEventKind::diagnosis_changed)) {
+    diagnosis_ = diagnosis_of(row.event);
+    if (!diagnosis_.empty()) found_diagnosis_ = diagnosis_;
+  }
+  review_diagnosis();  // a kill may have come before the event
   const std::size_t processed = store_->processed();
   // Refined estimates belong to the frames that were there when the flight was completed.
   completed_ = processed > 0 && processed == store_->accepted() &&
@@ -200,8 +208,10 @@ std::optional<UserFix> LiveFlight::withdraw_fix(std::int64_t id) {
 
 bool LiveFlight::take_back_merge(int segment) {
   const bool taken_back = store_->take_back_merge(segment, "desk", clock_());
-  if (taken_back) wake();  // segments that were placed by this one may be placed in another way
-  return taken_back;
+  if (!taken_back) return false;
+  review_diagnosis();
+  wake();  // segments that were placed by this one may be placed in another way
+  return true;
 }
 
 MarkedObject LiveFlight::add_object(std::string_view name, const MarkedSighting& first, std::string_view by) {
@@ -256,32 +266,31 @@ void LiveFlight::set(FlightActivity activity) {
   ++changes_;
 }
 
-// The event first: a kill between the two makes the same diagnosis again.
-void LiveFlight::keep_diagnosis(std::string text) {
-  const nlohmann::json body{{"diagnosis", text.empty() ? nlohmann::json() : nlohmann::json(text)}};
-  if (!text.empty() || !status().diagnosis.empty()) {
-    store_->append_event_once({FlightEventKind::diagnosis_changed, std::nullopt,
-                               body.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)},
-                              clock_());
-  }
-  if (text.empty()) {
-    std::error_code ignored;
-    std::filesystem::remove(diagnosis_file_, ignored);
-  } else {
-    write_file_atomic(diagnosis_file_, std::string_view(text));
-  }
-  {
-    const std::lock_guard lock(mutex_);
-    diagnosis_ = std::move(text);
-  }
+// From the engine's thread, and from those that take placements back: one at a time.
+void LiveFlight::review_diagnosis() {
+  const std::lock_guard lock(mutex_);
+  if (found_diagnosis_.empty()) return;
+  const std::vector<FlightSegment> segments = store_->segments();
+  const bool on_map = std::any_of(segments.begin(), segments.end(),
+                                  [](const FlightSegment& each) { return each.state != SegmentState::floating; });
+  const std::string holds = on_map ? std::string() : found_diagnosis_;
+  if (holds == diagnosis_) return;
+  const nlohmann::json body{{"diagnosis", on_map ? nlohmann::json() : nlohmann::json(holds)}};
+  store_->append_event({FlightEventKind::diagnosis_changed, std::nullopt,
+                        body.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)},
+                       clock_());
+  diagnosis_ = holds;
   ++changes_;
 }
 
 void LiveFlight::watch(AnchorVerdict verdict, const std::stop_token& stop) {
-  const bool due = no_fix_watch_.due(verdict);
-  const bool known = !status().diagnosis.empty();
-  if (no_fix_watch_.anchored() && known) keep_diagnosis({});
-  if (due && !known) keep_diagnosis(diagnose(stop));
+  // Nobody else writes what was found.
+  if (no_fix_watch_.due(verdict) && found_diagnosis_.empty()) {
+    std::string found = diagnose(stop);
+    const std::lock_guard lock(mutex_);
+    found_diagnosis_ = std::move(found);
+  }
+  review_diagnosis();
 }
 
 // Of the pictures that are there: most flights begin with a batch. Where it cannot be made (a picture is gone, the desk
@@ -387,6 +396,7 @@ void LiveFlight::work(const std::stop_token& stop, std::unique_ptr<FlightEngine>
     if (now - period >= kPlacementPeriod) period = now;
     if (now - period < kPlacementTime) engine->place_segments(SegmentPlacer::Scope::closed, kOneStep_s, cancel);
   });
+  review_diagnosis();
   bool complete = false;
   {
     const std::lock_guard lock(mutex_);
@@ -425,11 +435,13 @@ bool LiveFlight::place_segments(FlightEngine& engine, const std::function<void()
     arrivals = arrivals_;
   }
   while (engine.place_segments(SegmentPlacer::Scope::all, kOneStep_s, cancel)) {
+    review_diagnosis();
     ++changes_;
     let_others();
     const std::lock_guard lock(mutex_);
     if (arrivals != arrivals_) return false;
   }
+  review_diagnosis();
   ++changes_;
   const std::lock_guard lock(mutex_);
   if (arrivals != arrivals_) return false;

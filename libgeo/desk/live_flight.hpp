@@ -11,6 +11,8 @@
 // The adjustment of a completed flight may take minutes. It lets other flights take turns, and gives up when new
 // pictures arrive: these come first, and the wish to complete the flight stands.
 //
+// Why the first pictures match nowhere is found once; whether it holds depends on the segments. Both are in the events.
+//
 // Where processing ends in an error (a picture is missing, the disk is full), the flight is blocked until something
 // new arrives: then it is tried again.
 #pragma once
@@ -114,7 +116,8 @@ class LiveFlight {
   std::unique_ptr<FlightEngine> make_engine();
   void watch(AnchorVerdict verdict, const std::stop_token& stop);  // of a frame that was processed
   std::string diagnose(const std::stop_token& stop) const;
-  void keep_diagnosis(std::string text);
+  // What holds of it now: nothing once a segment is on the map, and all of it again when that is taken back.
+  void review_diagnosis();
   // All floating segments, also one that more pictures may continue; search by search and look by look. False:
   // something else is to be done first.
   bool place_segments(FlightEngine& engine, const std::function<void()>& let_others, const std::stop_token& stop);
@@ -125,7 +128,7 @@ class LiveFlight {
 
   const std::string id_;
   const std::unique_ptr<FlightStore> store_;
-  const std::filesystem::path completion_file_, diagnosis_file_, reconstruction_file_;
+  const std::filesystem::path completion_file_, reconstruction_file_;
   PackageRegistry& packages_;
   EngineSlots& slots_;
   const MillisClock clock_;
@@ -141,9 +144,10 @@ class LiveFlight {
   std::string blocked_by_;
   bool completion_requested_ = false;
   bool completed_ = false;
-  std::string diagnosis_;
-  bool placement_due_ = false;  // floating segments may be there that were not tried
-  std::uint64_t arrivals_ = 0;  // of pictures, fixes and wishes
+  std::string found_diagnosis_;  // by experiment, whether it holds or not
+  std::string diagnosis_;        // that holds: of the last event diagnosis_changed
+  bool placement_due_ = false;   // floating segments may be there that were not tried
+  std::uint64_t arrivals_ = 0;   // of pictures, fixes and wishes
   std::atomic<std::uint64_t> changes_ = 1;
   std::jthread thread_;  // last: it uses all of the above
 };

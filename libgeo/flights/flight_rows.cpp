@@ -417,9 +417,17 @@ bool FlightRows::has_event(FlightEventKind kind, std::size_t frame) const {
 std::int64_t FlightRows::last_event() const { return scalar("SELECT ifnull(max(id), 0) FROM event"); }
 
 std::vector<EventRow> FlightRows::events_after(std::int64_t id, std::size_t most) const {
-  std::vector<EventRow> events;
   auto rows = database_.prepare("SELECT id, time_ms, kind, frame, body FROM event WHERE id > ? ORDER BY id LIMIT ?");
-  rows.bind(1, id).bind(2, signed_of(most));
+  return event_rows(rows.bind(1, id).bind(2, signed_of(most)));
+}
+
+std::vector<EventRow> FlightRows::events_of(FlightEventKind kind) const {
+  auto rows = database_.prepare("SELECT id, time_ms, kind, frame, body FROM event WHERE kind = ? ORDER BY id");
+  return event_rows(rows.bind(1, name_of(kind)));
+}
+
+std::vector<EventRow> FlightRows::event_rows(SqliteStatement& rows) const {
+  std::vector<EventRow> events;
   while (rows.step()) {
     const auto kind = parse_flight_event(rows.text(2));
     if (!kind) refuse_damaged("an unknown event");

@@ -136,11 +136,13 @@ class FlightRows {
   bool has_event(FlightEventKind kind, std::size_t frame) const;
   std::int64_t last_event() const;
   std::vector<EventRow> events_after(std::int64_t id, std::size_t most) const;
+  std::vector<EventRow> events_of(FlightEventKind kind) const;
 
  private:
   [[noreturn]] void refuse_damaged(std::string found) const;
   std::int64_t scalar(std::string_view sql) const;
   PictureRow picture_row(const SqliteStatement& row) const;
+  std::vector<EventRow> event_rows(SqliteStatement& rows) const;
   void insert_estimate(EstimateKind kind, const EstimateRecord& record, const AnchorReport* anchor) const;
 
   const SqliteDatabase& database_;

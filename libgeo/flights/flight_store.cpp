@@ -618,4 +618,9 @@ std::vector<EventRow> FlightStore::events_after(std::int64_t id, std::size_t mos
   return impl_->rows.events_after(id, most);
 }
 
+std::vector<EventRow> FlightStore::events_of(FlightEventKind kind) const {
+  const std::scoped_lock guard(impl_->mutex);
+  return impl_->rows.events_of(kind);
+}
+
 }  // namespace nadir

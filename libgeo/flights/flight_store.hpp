@@ -162,6 +162,7 @@ class FlightStore {
   std::int64_t last_event() const;  // its number
   // At most `most` events after the one of this number; 0: from the first.
   std::vector<EventRow> events_after(std::int64_t id, std::size_t most) const;
+  std::vector<EventRow> events_of(FlightEventKind kind) const;  // all of them
 
  private:
   struct Impl;

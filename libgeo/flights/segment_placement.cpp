@@ -368,10 +368,14 @@ void SegmentPlacement::look(Hypothesis& hypothesis, const Cancel& cancel) {
   hypothesis.log_odds += new_ground * std::log(likelihood);
   if (!look.candidate || chi2 > belief::kChi2_999 || visible * hit < likelihood / 2) return;
   const double heading_variance = match.solved->covariance(3, 3) * anchor_model_error_factor(context.tilt_missing);
-  // What no model has is alike in all looks of a segment: it is no part of what they average out, and is added to the
-  // whole (common_variance_m2()). As evidence a look may differ by it.
-  const Eigen::Matrix2d own_m2 =
-      look.candidate->covariance_m2 - unmodelled_variance_m2(context.agl_m) * Eigen::Matrix2d::Identity();
+  // What no model has, and the slope of the ground, over which all looks of a segment err alike, are no part of what
+  // they average out: the whole has an allowance for both (common_variance_m2()). As evidence a look may differ by
+  // them. A slope that moves looks farther than the allowance stays with them: a narrow lens, or no measured tilt.
+  const double allowed_m2 = unmodelled_variance_m2(context.agl_m);
+  const Eigen::Matrix2d& slope_m2 = match.solved->slope_covariance_m2;
+  const double shared = std::min(1.0, 2 * allowed_m2 / std::max(slope_m2.trace(), allowed_m2));
+  const Eigen::Matrix2d own_m2 = look.candidate->covariance_m2 - allowed_m2 * Eigen::Matrix2d::Identity() -
+                                 shared * anchor_model_error_factor(context.tilt_missing) * slope_m2;
   hypothesis.similarity.add({.index = index,
                              .position = look.candidate->position,
                              .covariance_m2 = own_m2,
@@ -474,7 +478,9 @@ SegmentPlacementResult SegmentPlacement::result() const {
   result.log_scale = best.similarity.log_scale();
   if (!accepted(best)) return result;
   result.hit.resize(shape_.frames.size(), false);
-  for (std::size_t i = 0; i < shape_.frames.size(); ++i) result.poses.push_back(best.similarity.pose(i));
+  SegmentSimilarity placed = best.similarity;
+  placed.scale_looks_by_scatter();
+  for (std::size_t i = 0; i < shape_.frames.size(); ++i) result.poses.push_back(placed.pose(i));
   for (const ShapeLook& look : best.similarity.looks()) result.hit[look.index] = true;
   return result;
 }

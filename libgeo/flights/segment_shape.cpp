@@ -11,6 +11,9 @@ namespace nadir {
 namespace {
 
 constexpr int kRotationIterations = 4;  // of a turn within 0.3 rad each leaves a hundredth of the error; numerical
+constexpr double kStatedFreedom = 1;    // ν; the least for which two looks keep their share within 95 %, 25 Nov 2026
+constexpr double kMostFactor = 64;      // of the looks' variances, either way; chosen
+constexpr int kFactorSteps = 60;        // … in steps of 7 %
 
 // A heading turns clockwise: (east, north) by the angle.
 Eigen::Matrix2d clockwise(double angle_rad) {
@@ -151,35 +154,69 @@ void SegmentSimilarity::add(const ShapeLook& look) {
   solve();
 }
 
-void SegmentSimilarity::solve() {
+Eigen::VectorXd SegmentSimilarity::residuals(const Parameters& at) const {
+  Eigen::VectorXd residual(static_cast<Eigen::Index>(3 * looks_.size()));
+  for (std::size_t i = 0; i < looks_.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(3 * i);
+    const ShapeLook& look = looks_[i];
+    residual.segment<2>(row) = look.position.vector() - place(look.index, at);
+    const double expected_rad = shape_.frames[look.index].attitude.heading_rad + prior_.turn_rad + at[2];
+    residual[row + 2] = wrap_pi(look.heading_rad - expected_rad);
+  }
+  return residual + look_rows(at) * at;  // about the prior, whose parameters are 0
+}
+
+Eigen::MatrixXd SegmentSimilarity::look_noise(double variance_factor) const {
   const auto size = static_cast<Eigen::Index>(3 * looks_.size());
-  Eigen::MatrixXd walks = Eigen::MatrixXd::Zero(size, size);
+  Eigen::MatrixXd noise = Eigen::MatrixXd::Zero(size, size);
   for (std::size_t i = 0; i < looks_.size(); ++i) {
     for (std::size_t j = 0; j < looks_.size(); ++j) {
       const auto row = static_cast<Eigen::Index>(3 * i), column = static_cast<Eigen::Index>(3 * j);
-      walks.block<2, 2>(row, column) = common_walk_m2(looks_[i].index, looks_[j].index);
+      noise.block<2, 2>(row, column) = common_walk_m2(looks_[i].index, looks_[j].index);
       if (i != j) continue;
-      walks.block<2, 2>(row, row) += looks_[i].covariance_m2;
-      walks(row + 2, row + 2) = looks_[i].heading_sigma_rad * looks_[i].heading_sigma_rad;
+      noise.block<2, 2>(row, row) += variance_factor * looks_[i].covariance_m2;
+      noise(row + 2, row + 2) = looks_[i].heading_sigma_rad * looks_[i].heading_sigma_rad;
     }
   }
+  return noise;
+}
+
+void SegmentSimilarity::solve() {
+  const Eigen::MatrixXd noise = look_noise(1);
   solution_.setZero();
   for (int round = 0; round < kRotationIterations; ++round) {
     const Eigen::MatrixXd rows = look_rows(solution_);
-    Eigen::VectorXd residual(size);
-    for (std::size_t i = 0; i < looks_.size(); ++i) {
-      const auto row = static_cast<Eigen::Index>(3 * i);
-      const ShapeLook& look = looks_[i];
-      residual.segment<2>(row) = look.position.vector() - place(look.index, solution_);
-      const double expected_rad = shape_.frames[look.index].attitude.heading_rad + prior_.turn_rad + solution_[2];
-      residual[row + 2] = wrap_pi(look.heading_rad - expected_rad);
-    }
-    residual += rows * solution_;  // about the prior, whose parameters are 0
-    const Eigen::MatrixXd joint = rows * prior_variance_.asDiagonal() * rows.transpose() + walks;
-    inverse_ = joint.ldlt().solve(Eigen::MatrixXd::Identity(size, size));
-    weighted_ = inverse_ * residual;
+    const Eigen::MatrixXd joint = rows * prior_variance_.asDiagonal() * rows.transpose() + noise;
+    inverse_ = joint.ldlt().solve(Eigen::MatrixXd::Identity(noise.rows(), noise.cols()));
+    weighted_ = inverse_ * residuals(solution_);
     solution_ = prior_variance_.asDiagonal() * (rows.transpose() * weighted_);
   }
+}
+
+void SegmentSimilarity::scale_looks_by_scatter() {
+  if (looks_.empty()) return;
+  const Eigen::MatrixXd rows = look_rows(solution_);
+  const Eigen::MatrixXd by_parameters = rows * prior_variance_.asDiagonal() * rows.transpose();
+  const Eigen::VectorXd residual = residuals(solution_);
+  std::vector<double> factors, log_posterior;
+  for (int step = -kFactorSteps; step <= kFactorSteps; ++step) {
+    const double factor = std::pow(kMostFactor, static_cast<double>(step) / kFactorSteps);
+    const Eigen::LLT<Eigen::MatrixXd> joint(by_parameters + look_noise(factor));
+    const double log_determinant = 2 * joint.matrixLLT().diagonal().array().log().sum();
+    factors.push_back(factor);
+    log_posterior.push_back(
+        -(log_determinant + residual.dot(joint.solve(residual)) + kStatedFreedom * (std::log(factor) + 1 / factor)) /
+        2);
+  }
+  const double most = *std::max_element(log_posterior.begin(), log_posterior.end());
+  double mean = 0, weights = 0;
+  for (std::size_t i = 0; i < factors.size(); ++i) {
+    const double weight = std::exp(log_posterior[i] - most);
+    mean += weight * factors[i];
+    weights += weight;
+  }
+  for (ShapeLook& look : looks_) look.covariance_m2 *= mean / weights;
+  solve();
 }
 
 double SegmentSimilarity::turn_rad() const { return wrap_pi(prior_.turn_rad + solution_[2]); }

@@ -101,6 +101,13 @@ class SegmentSimilarity {
   SegmentSimilarity(const SegmentShape& shape, const Prior& prior);
 
   void add(const ShapeLook& look);
+  // Scales the covariances of the looks by what their scatter about the shape says: the a posteriori variance factor
+  // φ of a least-squares adjustment, R -> E[φ] R, with
+  //   ln p(φ) = -½ ln det Σ(φ) - ½ rᵀ Σ(φ)⁻¹ r - ½ ν (ln φ + 1/φ),   Σ(φ) = J Σ Jᵀ + K + φ R
+  // and the residuals r of all looks about the prior. The last term is the stated covariance as an inverse χ² prior of
+  // ν degrees of freedom. The mean and not the mode, because the covariance over all φ is the mean of covariances: two
+  // looks that agree prove little. What all looks have in common does not scatter, and must not be in R.
+  void scale_looks_by_scatter();
   Pose pose(std::size_t index) const;
   double turn_rad() const;
   double log_scale() const;
@@ -114,7 +121,9 @@ class SegmentSimilarity {
   Eigen::Vector2d place(std::size_t index, const Parameters& at) const;
   Jacobian jacobian(std::size_t index, const Parameters& at) const;
   Eigen::Matrix2d common_walk_m2(std::size_t one, std::size_t other) const;
-  Eigen::MatrixXd look_rows(const Parameters& at) const;  // three a look: east, north, heading
+  Eigen::MatrixXd look_rows(const Parameters& at) const;     // three a look: east, north, heading
+  Eigen::VectorXd residuals(const Parameters& at) const;     // likewise, about the prior
+  Eigen::MatrixXd look_noise(double variance_factor) const;  // of the looks, the walks included
   void solve();
 
   const SegmentShape& shape_;

@@ -143,7 +143,10 @@ class PoseProblem {
 
   SolvedPose solved() && {
     solved_.pose = scene_.pose;
-    solved_.covariance = total_.information.inverse().topLeftCorner<6, 6>();
+    const Matrix covariance = total_.information.inverse();
+    solved_.covariance = covariance.topLeftCorner<6, 6>();
+    const Eigen::Matrix2d with_slope = covariance.topRightCorner<2, 2>();
+    solved_.slope_covariance_m2 = with_slope * with_slope.transpose() / (prior_.slope_sigma * prior_.slope_sigma);
     separate_measurements();
     return std::move(solved_);
   }

@@ -39,6 +39,10 @@ struct SolvedPose {
   CameraPose pose;
   // Of (east m, north m, log height, heading, pitch, roll), in this order.
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
+  // The part of the position's covariance that the unknown slope of the ground causes. With C the covariance of
+  // position and slope, and Σ that of the slope before the solution: C Σ⁻¹ Cᵀ. Frames over the same ground share this
+  // error; the rest differs from frame to frame.
+  Eigen::Matrix2d slope_covariance_m2 = Eigen::Matrix2d::Zero();
   // The correspondences alone, without the priors on height, heading and tilt, in the same order: their
   // information (singular in unconstrained directions), and information times the step from `pose` to their own
   // optimum.

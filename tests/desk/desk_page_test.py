@@ -80,13 +80,17 @@ class DeskPage(support.EndToEnd):
         browser.wait_for("!document.getElementById('flight').hidden")
         self.desk.send(flight, self.desk.frames())
         self.desk.settled(flight)
-        browser.wait_for(TEXT.format("events") + ".includes('nothing matches: ')")  # the event, live
-        browser.wait_for(TEXT.format("reason") + ".includes('is the start wrong?')")
+        browser.wait_for(TEXT.format("events") + ".includes('nothing matches: ') && " + TEXT.format("events") + ".includes('is the start wrong?')")
         browser.wait_for(TEXT.format("events") + ".includes('placed as a whole')")
         take_back = "document.querySelector('[data-take-back=\"0\"]')"
         browser.wait_for(f"{take_back} !== null")
         browser.wait_for("document.querySelectorAll('#map img').length > 0")  # where it is now, and no longer lost
         browser.wait_for("document.getElementById('help').hidden")
+        # What was wrong no longer holds, and the frame is compared with the map where it is now.
+        browser.wait_for("document.getElementById('reason').hidden")
+        browser.wait_for(TEXT.format("events") + ".includes('pictures match the map now')")
+        browser.wait_for(TEXT.format("verdict") + ".startsWith('accepted, ') && " + TEXT.format("verdict") + ".endsWith('where its segment was placed')")
+        browser.wait_for(SHOWN.format("image-map"))
         self.keep(browser, "placed")
         browser.evaluate(f"{take_back}.focus()")
         self.assertEqual("Take the placement of segment 0 back", browser.evaluate("document.activeElement.getAttribute('aria-label')"))
@@ -94,6 +98,8 @@ class DeskPage(support.EndToEnd):
         browser.wait_for(f"{take_back} === null")
         browser.wait_for(TEXT.format("events") + ".includes('segment 0 floats again')")
         browser.wait_for(TEXT.format("segments") + ".includes('floating')")
+        browser.wait_for("!document.getElementById('reason').hidden && " + TEXT.format("reason") + ".includes('is the start wrong?')")
+        browser.wait_for(TEXT.format("verdict") + " === 'off the map'")  # as in flight: nothing else is known of it
         self.keep(browser, "taken-back")
         self.desk.settled(flight)
         self.assertEqual("floating", self.desk.json("GET", flight + "/segments", expect=200)["segments"][0]["state"])

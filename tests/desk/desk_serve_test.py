@@ -68,9 +68,15 @@ class DeskServe(support.EndToEnd):
         flight = desk.create(package="valley", start=start)
         desk.send(flight, desk.frames())
         document = desk.settled(flight)  # nobody has completed it: more pictures may come
-        self.assertIn("is the start wrong?", document["diagnosis"])
-        diagnoses = [data["diagnosis"] for _, kind, data in desk.events(flight, until=document["last_event"]) if kind == "diagnosis_changed"]
-        self.assertEqual([document["diagnosis"]], diagnoses)
+        diagnosed = [data["diagnosis"] for _, kind, data in desk.events(flight, until=document["last_event"]) if kind == "diagnosis_changed"]
+        self.assertEqual((2, None, None), (len(diagnosed), diagnosed[-1], document["diagnosis"]), "it is on the map now")
+        self.assertIn("is the start wrong?", diagnosed[0])
+        look = desk.json("GET", f"{flight}/looks/{FRAMES - 1}", expect=200)
+        self.assertEqual(("placement", "accepted", True, True), (look["of"], look["verdict"], look["seen"], look["map"]))
+        for image in ("seen", "map"):
+            status, headers, data = desk.call("GET", f"{flight}/looks/{FRAMES - 1}/{image}")
+            self.assertEqual((200, "image/jpeg", b"\xff\xd8"), (status, headers["Content-Type"], data[:2]), image)
+            self.assertNotIn("immutable", headers["Cache-Control"])
         segments = desk.json("GET", flight + "/segments", expect=200)["segments"]
         self.assertEqual([("merged", 0, FRAMES - 1)], [(s["state"], s["first_frame"], s["last_frame"]) for s in segments])
         merged = [data for _, kind, data in desk.events(flight, until=document["last_event"]) if kind == "segments_merged"]
@@ -84,7 +90,11 @@ class DeskServe(support.EndToEnd):
         desk.kill()
         desk.start()
         desk.send(flight, desk.frames())  # known, all of them; the flight is looked at again
-        desk.settled(flight)
+        document = desk.settled(flight)
+        self.assertEqual(diagnosed[0], document["diagnosis"], "it holds again")
+        self.assertEqual("flight", desk.json("GET", f"{flight}/looks/{FRAMES - 1}", expect=200)["of"])
+        again = [data["diagnosis"] for _, kind, data in desk.events(flight, until=document["last_event"]) if kind == "diagnosis_changed"]
+        self.assertEqual([*diagnosed, diagnosed[0]], again, "each change once")
         self.assertEqual("floating", desk.json("GET", flight + "/segments", expect=200)["segments"][0]["state"], "for ever")
         refined = desk.json("GET", flight + "/estimates?kind=refined", expect=200)["estimates"]
         self.assertNotIn("satellite_anchored", [estimate["source"] for estimate in refined], "where the start says, with its doubt")

@@ -17,6 +17,8 @@ namespace {
 
 constexpr double kSquare_m = 40;  // of land that changes as a whole
 constexpr double kHole_m = 250;   // around each frame of a segment
+constexpr double kReliefWave_m = 600;
+constexpr int kRayIterations = 4;  // each leaves a hundredth: the slope times the ray's
 
 std::uint64_t mixed(std::uint64_t value) {
   value ^= value >> 31;
@@ -41,6 +43,22 @@ struct SegmentWorld::Land {
                                       static_cast<std::uint64_t>(square(place.north_m)) + 1000 + seed * 104729);
     const bool changed = static_cast<double>(drawn % 10000) < 10000 * options.changed_share;
     return (changed ? before : now).grey(place);
+  }
+
+  // Two waves across each other, as long as a slope that a footprint sees as one.
+  double height_m(PlanePoint place) const {
+    const double phase = static_cast<double>(mixed(seed) % 1000) / 1000 * 2 * kPi;
+    const double across = std::sin(2 * kPi * place.east_m / kReliefWave_m + phase);
+    const double along = std::sin(2 * kPi * place.north_m / kReliefWave_m + 2 * phase);
+    return options.relief_m * (across + along);
+  }
+  // What a camera sees that would see `flat` on level ground: where its ray meets the relief.
+  double seen(PlanePoint flat, const CameraPose& from) const {
+    PlanePoint place = flat;
+    for (int i = 0; i < kRayIterations && options.relief_m > 0; ++i) {
+      place = from.position + (1 - height_m(place) / from.agl_m) * (flat - from.position);
+    }
+    return now.grey(place);
   }
 
   std::uint64_t seed;
@@ -126,7 +144,7 @@ SegmentWorld::Segment SegmentWorld::segment(int number, int frames, bool heading
   Localizer localizer(land_->camera, land_->frame, nullptr, kOrigin, config);
   for (int i = 0; i < frames; ++i) {
     const CameraPose truth{at, 100 + 2.0 * std::sin(i), {heading, radians(2), radians(i % 2 == 0 ? 3 : -2)}};
-    cv::Mat image = photograph(land_->now.ground(), land_->camera.camera, truth);
+    cv::Mat image = photograph([&](PlanePoint flat) { return land_->seen(flat, truth); }, land_->camera.camera, truth);
     if (land_->options.noise > 0) {
       for (auto pixel = image.begin<std::uint8_t>(); pixel != image.end<std::uint8_t>(); ++pixel) {
         *pixel = cv::saturate_cast<std::uint8_t>(*pixel + random.normal(0, land_->options.noise));
@@ -139,8 +157,8 @@ SegmentWorld::Segment SegmentWorld::segment(int number, int frames, bool heading
     telemetry.time_s = 10 + 1.5 * i;
     telemetry.agl_m = truth.agl_m * 1.01;
     if (heading_known) telemetry.heading_rad = wrap_pi(heading + heading_error_rad + random.normal(0, radians(0.2)));
-    telemetry.pitch_rad = truth.attitude.pitch_rad + random.normal(0, radians(0.5));
-    telemetry.roll_rad = truth.attitude.roll_rad + random.normal(0, radians(0.5));
+    telemetry.pitch_rad = truth.attitude.pitch_rad + random.normal(0, land_->options.tilt_sigma_rad);
+    telemetry.roll_rad = truth.attitude.roll_rad + random.normal(0, land_->options.tilt_sigma_rad);
     vision.begin_frame(observed.frame);
     const FrameReport report = localizer.process(image, telemetry);
     observed.answers = vision.end_frame();

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "flights/segment_placement.hpp"
+#include "geodesy/angles.hpp"
 #include "imagery/tile_source.hpp"
 #include "vision/synthetic_ground.hpp"
 
@@ -16,6 +17,8 @@ struct WorldOptions {
   double half_side_m = 600;
   double changed_share = 0;  // of the land's squares of 40 m, that the map shows as they were: as another land
   double noise = 0;          // of the camera, grey levels, 1-sigma
+  double relief_m = 0;       // 1-sigma of the ground's height, which no map shows, in waves of some 600 m
+  double tilt_sigma_rad = 0.5 * kPi / 180;  // of the measured pitch and roll; camera.yaml states 1 degree
 };
 
 // Where the map lacks the land.

@@ -269,6 +269,32 @@ TEST(CameraPoseSolver, AnUnknownSlopeTakesInformationFromTheTilt) {
   EXPECT_LT(sloping->rms_m, 0.05);
 }
 
+// Everything else is exact: the errors of the position are those that the slopes cause.
+TEST(CameraPoseSolver, SaysWhichPartOfTheCovarianceTheSlopeCauses) {
+  constexpr int kDraws = 300;
+  PosePrior prior = tight_prior();
+  prior.pose.attitude = kTruth.attitude;
+  prior.pose.agl_m = kTruth.agl_m;
+  prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * (radians(1) * radians(1));
+  prior.slope_sigma = 0.01;
+  Random random(3);
+  Eigen::Matrix2d scatter_m2 = Eigen::Matrix2d::Zero(), stated_m2 = Eigen::Matrix2d::Zero();
+  for (int i = 0; i < kDraws; ++i) {
+    const Slope slope(random.normal(0, prior.slope_sigma), random.normal(0, prior.slope_sigma));
+    const auto solved = solve_camera_pose(sights_from(kTruth, 0.3, 9, 6, slope), prior, {5.0, 0.1});
+    ASSERT_TRUE(solved);
+    const Eigen::Vector2d off = solved->pose.position - kTruth.position;
+    scatter_m2 += off * off.transpose() / kDraws;
+    stated_m2 += solved->slope_covariance_m2 / kDraws;
+    const Eigen::Matrix2d rest_m2 = solved->covariance.topLeftCorner<2, 2>() - solved->slope_covariance_m2;
+    EXPECT_TRUE(rest_m2(0, 0) > 0 && rest_m2.determinant() > 0) << "a part of it";
+  }
+  EXPECT_NEAR(scatter_m2(0, 0) / stated_m2(0, 0), 1, 0.2);
+  EXPECT_NEAR(scatter_m2(1, 1) / stated_m2(1, 1), 1, 0.2);
+  prior.slope_sigma = kLevel;
+  EXPECT_LT(solve_camera_pose(sights_from(kTruth, 0.3), prior, {5.0, 0.1})->slope_covariance_m2.trace(), 1e-4);
+}
+
 TEST(CameraPoseSolver, RejectsWhatCannotBeSolved) {
   auto correspondences = sights_from(kTruth, 0.3);
   EXPECT_FALSE(solve_camera_pose({}, tight_prior(), {}));

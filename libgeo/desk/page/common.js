@@ -1,5 +1,5 @@
-// What the two rooms of the desk share: elements by id, numbers as text, calls with JSON, files to save, and whether the
-// desk answers. Whatever comes from outside is set as text, never as HTML.
+// What the two rooms of the desk share beside their HTML (room_*.html): elements by id, numbers as text, calls with
+// JSON, files to save, and whether the desk answers. Whatever comes from outside is set as text, never as HTML.
 
 const byId = (id) => document.getElementById(id);
 const words = (name) => name.replaceAll("_", " ");
@@ -46,3 +46,8 @@ const makeContact = (isLive) => {
   }, 500);
   return () => { lastContactAt = performance.now(); };
 };
+
+// Which of the rooms this is.
+for (const link of document.querySelectorAll("nav a")) {
+  if (link.pathname === location.pathname) link.setAttribute("aria-current", "page");
+}

@@ -74,6 +74,7 @@ const refreshTracks = async (flight) => {
   }
   if (flight !== shown) return;
   const best = bestKind(flight);
+  imagesOf = null;  // frames that were placed are compared with the map where they are now
   showKind(best !== before && flight.kind === before ? best : flight.kind);
   if (flight.moved) map.showTrack();
   flight.moved = false;
@@ -128,6 +129,7 @@ const onEvent = (flight, kind, event) => {
   if (kind === "segments_merged" || kind === "merge_withdrawn") {
     if (kind === "segments_merged") helped();
     flight.moved = true;  // perhaps by kilometres
+    flight.verdicts.clear();  // of looks at other places
     segmentsSoon(flight); tracksSoon(flight); objectsSoon(flight);
   }
   if (kind === "user_fix" || kind === "fix_withdrawn") fixesSoon(flight);

@@ -57,7 +57,8 @@ const showFigures = (estimate) => {
 };
 const showVerdict = (verdict, look = null) => {
   const looked = look && look.patches > 0 ? `, ${look.inliers} of ${look.patches} patches agree` : "";
-  byId("verdict").textContent = verdict ? (verdictWords[verdict] ?? words(verdict)) + looked : "–";
+  const where = look?.of === "placement" ? ", where its segment was placed" : "";
+  byId("verdict").textContent = verdict ? (verdictWords[verdict] ?? words(verdict)) + looked + where : "–";
 };
 
 // After looks in flight, or after the segment was searched as a whole.
