@@ -20,8 +20,8 @@ add_compile_options(-ffp-contract=off)
 # with the checkout. A build folder inside of it is named by the second map, because the last one that fits counts.
 add_compile_options("-ffile-prefix-map=${PROJECT_SOURCE_DIR}=." "-ffile-prefix-map=${PROJECT_BINARY_DIR}=./build")
 
-# Four fifths of compiling is reading headers and instantiating templates (docs/building.md): the sources of a folder are
-# compiled sixteen at a time. So names in anonymous namespaces are unique in their folder. OFF compiles each source by itself:
+# Compiled by itself, a source costs mostly the reading of headers and the templates in them (docs/building.md): the sources of
+# a folder are compiled sixteen at a time. So names in anonymous namespaces are unique in their folder. OFF compiles each source by itself:
 # for clang-tidy, and now and then to see that each includes what it uses.
 option(NADIR_UNITY "Compile the sources of a folder together" ON)
 set(CMAKE_UNITY_BUILD ${NADIR_UNITY})
