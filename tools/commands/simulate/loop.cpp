@@ -237,7 +237,10 @@ LoopFigures SimulateLoopCommand::fly(const LoopInputs& inputs, const fs::path& n
   if (px4) words.push_back("--switch-gps");
   BackgroundProgram service(words, folder);
   wait_for_page(page, service);
-  if (!context.quiet) context.err << fmt::format("flying for {:g} minutes; nadird's page: {}/\n", minutes_, page);
+  if (!context.quiet) {
+    const char* unit = minutes_ == 1 ? "minute" : "minutes";
+    context.err << fmt::format("flying for {:g} {}; nadird's page: {}/\n", minutes_, unit, page);
+  }
   const LoopFlightSetup setup{.duration_s = minutes_ * 60,
                               .circumstance = circumstance(circumstance_, minutes_ * 60),
                               .page = page,
