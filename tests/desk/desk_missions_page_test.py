@@ -149,6 +149,7 @@ class MissionsPage(support.EndToEnd):
         browser.wait_for("document.querySelectorAll('#findings li.refuse').length === 2")  # no take-off, no ground
 
         self.draw(browser, "takeoff", [(-.2, -.2)])
+        browser.wait_for(SAVED)  # findings that go move the map on a phone
         self.draw(browser, "route", [(-.2, -.2), (.2, -.2), (.2, .1), (-.1, .1)], close=True)
         self.assertEqual(4, browser.evaluate(POINTS))
         # The first point snapped to the take-off.
