@@ -9,11 +9,13 @@
 #include <string>
 
 #include "geodesy/angles.hpp"
+#include "geodesy/gravity.hpp"
+#include "mavlink/wire_message.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr double kMilliG_mps2 = 9.80665e-3;
+constexpr double kMilliG_mps2 = kStandardGravity_mps2 / 1000;
 
 template <class Field>
 Field clamped(double value) {
@@ -315,11 +317,7 @@ std::optional<StreamRequest> stream_request(const CommandLong& command) {
 }
 
 CompanionMessage decode_from_companion(const MavlinkFrame& frame) {
-  mavlink_message_t message{};
-  message.msgid = frame.message_id & 0xFFFFFFU;
-  message.len = frame.bytes[1];
-  const std::size_t header = frame.version == 2 ? MAVLINK_NUM_HEADER_BYTES : MAVLINK_CORE_HEADER_MAVLINK1_LEN + 1;
-  std::memcpy(message.payload64, frame.bytes.data() + header, message.len);
+  const mavlink_message_t message = wire_message(frame);
   switch (frame.message_id) {
     case MAVLINK_MSG_ID_GPS_INPUT: return unpack_with(message, mavlink_msg_gps_input_decode);
     case MAVLINK_MSG_ID_GLOBAL_POSITION_SENSOR: return unpack_with(message, mavlink_msg_global_position_sensor_decode);

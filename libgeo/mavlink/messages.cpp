@@ -8,13 +8,13 @@
 #include <limits>
 
 #include "geodesy/angles.hpp"
+#include "geodesy/gravity.hpp"
+#include "mavlink/wire_message.hpp"
 
 namespace nadir {
 namespace {
 
 using Decoded = std::optional<IncomingMessage>;
-
-constexpr double kStandardGravity = 9.80665;
 
 static_assert(static_cast<int>(GpsFix::rtk_fixed) == GPS_FIX_TYPE_RTK_FIXED);
 static_assert(static_cast<int>(TextSeverity::debug) == MAV_SEVERITY_DEBUG);
@@ -122,7 +122,7 @@ Decoded from_wire(const mavlink_gps2_raw_t& w) { return gps_raw(w, 2); }
 
 template <class Wire>
 ImuSample imu_sample(const Wire& w, int instance, std::uint64_t time_us) {
-  constexpr double kAcceleration = kStandardGravity * 1e-3;
+  constexpr double kAcceleration = kStandardGravity_mps2 * 1e-3;
   return {.instance = instance,
           .time_us = time_us,
           .acceleration_mps2 = {w.xacc * kAcceleration, w.yacc * kAcceleration, w.zacc * kAcceleration},
@@ -460,12 +460,7 @@ class Writer {
 }  // namespace
 
 std::optional<IncomingMessage> decode(const MavlinkFrame& frame) {
-  mavlink_message_t message{};
-  message.msgid = frame.message_id & 0xFFFFFFU;
-  message.len = frame.bytes[1];
-  const std::size_t header = frame.version == 2 ? MAVLINK_NUM_HEADER_BYTES : MAVLINK_CORE_HEADER_MAVLINK1_LEN + 1;
-  std::memcpy(message.payload64, frame.bytes.data() + header, message.len);
-
+  const mavlink_message_t message = wire_message(frame);
   switch (frame.message_id) {
     case MAVLINK_MSG_ID_HEARTBEAT: return unpacked(message, mavlink_msg_heartbeat_decode);
     case MAVLINK_MSG_ID_SYSTEM_TIME: return unpacked(message, mavlink_msg_system_time_decode);

@@ -5,11 +5,11 @@
 #include <cmath>
 
 #include "geodesy/angles.hpp"
+#include "geodesy/gravity.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr double kFixedWingGravity_mps2 = 9.80665;
 constexpr double kMaxBank_rad = radians(38), kMaxRollRate_rad_s = radians(40), kBankTime_s = 0.25;
 constexpr double kAngleOfAttack_rad = radians(1.5);
 constexpr double kGust_mps = 0.7, kGustTime_s = 8, kShakeTime_s = 0.8;
@@ -41,10 +41,10 @@ Attitude FixedWing::shaken() const {
 }
 
 void FixedWing::step(double seconds, double lateral_mps2) {
-  const double wanted = std::clamp(std::atan2(lateral_mps2, kFixedWingGravity_mps2), -kMaxBank_rad, kMaxBank_rad);
+  const double wanted = std::clamp(std::atan2(lateral_mps2, kStandardGravity_mps2), -kMaxBank_rad, kMaxBank_rad);
   const double most = kMaxRollRate_rad_s * seconds;
   bank_rad_ += std::clamp((wanted - bank_rad_) * std::min(1.0, seconds / kBankTime_s), -most, most);
-  heading_rad_ = wrap_pi(heading_rad_ + kFixedWingGravity_mps2 * std::tan(bank_rad_) / airspeed_mps_ * seconds);
+  heading_rad_ = wrap_pi(heading_rad_ + kStandardGravity_mps2 * std::tan(bank_rad_) / airspeed_mps_ * seconds);
   for (GaussMarkovProcess& process : gusts_) process.step(seconds, random_);
   for (GaussMarkovProcess& process : shake_) process.step(seconds, random_);
   const Eigen::Vector2d before = velocity_;
@@ -59,7 +59,7 @@ void FixedWing::step(double seconds, double lateral_mps2) {
 }
 
 Eigen::Vector3d FixedWing::specific_force_mps2() const {
-  const Eigen::Vector3d ned(acceleration_.y(), acceleration_.x(), -kFixedWingGravity_mps2);
+  const Eigen::Vector3d ned(acceleration_.y(), acceleration_.x(), -kStandardGravity_mps2);
   const Eigen::Quaterniond body = Eigen::AngleAxisd(attitude_.heading_rad, Eigen::Vector3d::UnitZ()) *
                                   Eigen::AngleAxisd(attitude_.pitch_rad, Eigen::Vector3d::UnitY()) *
                                   Eigen::AngleAxisd(attitude_.roll_rad, Eigen::Vector3d::UnitX());

@@ -5,12 +5,12 @@
 
 #include "base/random.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/gravity.hpp"
 #include "simulation/noise.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr double kGravity = 9.80665;
 constexpr double kUsualBank_rad = 0.38;  // 22 degrees
 
 // The route as points about a metre apart, corners replaced by arcs.
@@ -75,7 +75,7 @@ std::vector<double> smoothed(const std::vector<double>& values, int reach) {
 std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const GroundShape& ground,
                                              const FlightPathOptions& options, std::uint64_t seed) {
   const double speed = options.speed_mps;
-  const double radius = speed * speed / (kGravity * std::tan(kUsualBank_rad));
+  const double radius = speed * speed / (kStandardGravity_mps2 * std::tan(kUsualBank_rad));
   const double step = std::max(0.5, speed / 40);
   const PlanePath line = rounded(route, radius, step);
   if (line.size() < 2) return {};
@@ -122,7 +122,7 @@ std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const Groun
     pose.pressure_agl_m = options.agl_m + lift;
     pose.velocity_mps = Eigen::Vector2d(std::sin(heading), std::cos(heading)) * speed;
     // Coordinated turn: tan(bank) = v · rate / g, at most 30 degrees.
-    const double bank = std::clamp(std::atan(rate * speed / kGravity), -radians(30), radians(30));
+    const double bank = std::clamp(std::atan(rate * speed / kStandardGravity_mps2), -radians(30), radians(30));
     pose.attitude.heading_rad = heading + crab + wobble(time, 1, 0.9, 0.3);
     pose.attitude.pitch_rad = (options.calm ? 0 : radians(1.5)) + wobble(time, 2, 1.1, 0.4);
     pose.attitude.roll_rad = bank + wobble(time, 3, 1.4, 0.5);

@@ -1,5 +1,5 @@
-// Where a simulated autopilot believes that it is: accelerations integrated, positions let in by a gate, both axes with
-// one covariance. Without positions it holds its airspeed and the wind that it learned.
+// How a simulated autopilot estimates its position: accelerations integrated, positions let in by a gate, both axes
+// with one covariance. Without positions it holds its airspeed and the wind that it estimated.
 #pragma once
 
 #include <Eigen/Core>

@@ -59,7 +59,7 @@ double SimulatedAircraft::off_track_m() {
   return circuit_.off_track_m(body_.place(), *flown_);
 }
 
-// Pursuit of a point ahead (Park, Deyst, How 2004), from where the filter believes that it is.
+// Pursuit of a point ahead (Park, Deyst, How 2004), from the estimated position.
 double SimulatedAircraft::lateral_mps2() {
   const PlanePoint here = filter_.place();
   steered_ = circuit_.nearest(here, steered_);

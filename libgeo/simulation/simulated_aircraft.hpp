@@ -1,5 +1,5 @@
-// An aircraft that flies laps of a circuit by the position that it believes in: its own GPS receiver's, and the one
-// that it is given. docs/commands/simulate-loop.md has what it leaves out; the tests' simulated autopilot
+// An aircraft that flies laps of a circuit by its estimate of its position, from its own GPS receiver and from the
+// positions that it is given. docs/commands/simulate-loop.md has what it leaves out; the tests' simulated autopilot
 // (tests/support/simulated_autopilot) is another program and has more of the real ones' rules.
 #pragma once
 
@@ -14,8 +14,8 @@ namespace nadir {
 
 // How two sources of positions are used.
 enum class PositionRule {
-  given_first,   // ArduPilot, GPS_AUTO_SWITCH 4: the given one leads while it has a fix, and another leader is believed
-                 // at once
+  given_first,  // ArduPilot, GPS_AUTO_SWITCH 4: the given one leads while it has a fix, and another leader is taken
+                // over at once
   side_by_side,  // PX4: each is let in by its own gate
 };
 
@@ -72,7 +72,7 @@ class SimulatedAircraft {
   FixedWing body_;
   PositionFilter filter_;
   std::int64_t steps_ = 0;
-  std::optional<std::ptrdiff_t> steered_, flown_;  // nearest points of the plan: to the believed and the true place
+  std::optional<std::ptrdiff_t> steered_, flown_;  // nearest points of the plan: to the estimated and the true place
 
   bool denied_ = false, gps_used_ = true, gps_rejected_ = false;
   Eigen::Vector2d gps_offset_m_ = Eigen::Vector2d::Zero();

@@ -47,7 +47,9 @@ class SimulateLoopCommand final : public Command {
 
  private:
   LoopFigures fly(const LoopInputs& inputs, const fs::path& nadir, const fs::path& nadird, const fs::path& folder,
-                  const std::string& page, Context& context) const;
+                  const std::string& listen, Context& context) const;
+  std::vector<std::string> camera_call(const fs::path& nadir, const LoopInputs& inputs, const std::string& truth,
+                                       const fs::path& frames) const;
   void report(Context& context, const LoopFigures& figures, const std::string& page) const;
 
   std::optional<fs::path> world_, out_, nadird_;
@@ -140,6 +142,60 @@ void wait_for_page(const std::string& page, const BackgroundProgram& service) {
   }
 }
 
+std::string page_of(const std::string& listen) { return "http://" + listen; }
+
+// What the aircraft sees, by the poses that it sends to `truth`.
+std::vector<std::string> SimulateLoopCommand::camera_call(const fs::path& nadir, const LoopInputs& inputs,
+                                                          const std::string& truth, const fs::path& frames) const {
+  const auto in_world = [&](const char* name) { return (inputs.world / name).string(); };
+  return {nadir.string(),
+          "simulate",
+          "camera",
+          "--world",
+          in_world("ground.tif"),
+          "--dem",
+          in_world("dem.tif"),
+          "--camera",
+          in_world("camera.yaml"),
+          "--pose-from",
+          truth,
+          "--out",
+          frames.string(),
+          "--fps",
+          fmt::format("{}", fps_),
+          "--keep",
+          "30",
+          "--delay-s",
+          fmt::format("{}", kLoopCaptureDelay_s),
+          "--json"};
+}
+
+// start: as one who takes off knows it.
+std::vector<std::string> nadird_call(const fs::path& nadird, const LoopInputs& inputs, const std::string& autopilot,
+                                     const std::string& listen, const fs::path& folder, LonLat start) {
+  return {nadird.string(),
+          "--package",
+          inputs.package.string(),
+          "--trust",
+          inputs.trust.string(),
+          "--at",
+          to_rfc3339(inputs.mission.created),
+          "--airframe",
+          inputs.airframe.string(),
+          "--state",
+          (folder / "state").string(),
+          "--camera",
+          "folder:" + (folder / "frames").string(),
+          "--autopilot",
+          autopilot,
+          "--unsigned-link",
+          "--record",
+          (folder / "record").string(),
+          "--listen",
+          listen,
+          fmt::format("--start={:.7f},{:.7f}", start.lon_deg, start.lat_deg)};
+}
+
 Circuit circuit_of(const LoopInputs& inputs, const LocalFrame& frame) {
   std::vector<PlanePoint> corners;
   for (const LonLat& corner : inputs.circuit) corners.push_back(frame.plane_from_lonlat(corner));
@@ -148,7 +204,7 @@ Circuit circuit_of(const LoopInputs& inputs, const LocalFrame& frame) {
 
 int SimulateLoopCommand::run(Context& context) {
   const fs::path nadir = fs::read_symlink("/proc/self/exe"), nadird = find_nadird(nadird_, nadir);
-  const std::string page = fmt::format("http://127.0.0.1:{}", free_page_port(port_));
+  const std::string listen = fmt::format("127.0.0.1:{}", free_page_port(port_));
   if (out_ && fs::exists(*out_)) {
     throw UsageError({.what = "the folder exists", .where = out_->string(), .fix = "choose another --out"});
   }
@@ -166,14 +222,15 @@ int SimulateLoopCommand::run(Context& context) {
       throw;
     }
   }();
-  const LoopFigures figures = fly(inputs, nadir, nadird, folder, page, context);
-  report(context, figures, page);
+  const LoopFigures figures = fly(inputs, nadir, nadird, folder, listen, context);
+  report(context, figures, page_of(listen));
   throw_if_interrupted();
   return kAccepted;
 }
 
 LoopFigures SimulateLoopCommand::fly(const LoopInputs& inputs, const fs::path& nadir, const fs::path& nadird,
-                                     const fs::path& folder, const std::string& page, Context& context) const {
+                                     const fs::path& folder, const std::string& listen, Context& context) const {
+  const std::string page = page_of(listen);
   const bool px4 = autopilot_ == "px4";
   const LocalFrame frame(inputs.mission.takeoff, inputs.altitude_m);
   AircraftOptions options;
@@ -190,50 +247,10 @@ LoopFigures SimulateLoopCommand::fly(const LoopInputs& inputs, const fs::path& n
   LoopAutopilot autopilot(px4 ? AutopilotType::px4 : AutopilotType::ardupilot, aircraft, frame);
   for (const char* name : {"frames", "state", "record"}) fs::create_directories(folder / name);
 
-  BackgroundProgram camera({nadir.string(),
-                            "simulate",
-                            "camera",
-                            "--world",
-                            inputs.world / "ground.tif",
-                            "--dem",
-                            inputs.world / "dem.tif",
-                            "--camera",
-                            inputs.world / "camera.yaml",
-                            "--pose-from",
-                            autopilot.truth_endpoint(),
-                            "--out",
-                            folder / "frames",
-                            "--fps",
-                            fmt::format("{}", fps_),
-                            "--keep",
-                            "30",
-                            "--delay-s",
-                            fmt::format("{}", kLoopCaptureDelay_s),
-                            "--json"},
-                           folder);
+  BackgroundProgram camera(camera_call(nadir, inputs, autopilot.truth_endpoint(), folder / "frames"), folder);
   camera.wait_until_it_says("waiting for poses", kStart_s);
-  std::vector<std::string> words{nadird.string(),
-                                 "--package",
-                                 inputs.package,
-                                 "--trust",
-                                 inputs.trust,
-                                 "--at",
-                                 to_rfc3339(inputs.mission.created),
-                                 "--airframe",
-                                 inputs.airframe,
-                                 "--state",
-                                 folder / "state",
-                                 "--camera",
-                                 "folder:" + (folder / "frames").string(),
-                                 "--autopilot",
-                                 autopilot.link_endpoint(),
-                                 "--unsigned-link",
-                                 "--record",
-                                 folder / "record",
-                                 "--listen",
-                                 page.substr(page.find("127."))};
   const LonLat start = frame.lonlat_from_plane(aircraft.circuit().point(0));
-  words.push_back(fmt::format("--start={:.7f},{:.7f}", start.lon_deg, start.lat_deg));  // as one who takes off knows it
+  std::vector<std::string> words = nadird_call(nadird, inputs, autopilot.link_endpoint(), listen, folder, start);
   if (px4) words.push_back("--switch-gps");
   BackgroundProgram service(words, folder);
   wait_for_page(page, service);

@@ -59,7 +59,7 @@ std::vector<std::string> LoopAutopilot::take_texts() { return std::exchange(text
 
 void LoopAutopilot::turn(std::int64_t unix_us, bool truth) {
   unix_us_ = unix_us;
-  hear();
+  receive();
   const double now_s = aircraft_.now_s();
   if (now_s >= next_heartbeat_s_) {
     next_heartbeat_s_ = now_s + 1;
@@ -82,7 +82,7 @@ void LoopAutopilot::turn(std::int64_t unix_us, bool truth) {
   }
 }
 
-void LoopAutopilot::hear() {
+void LoopAutopilot::receive() {
   const std::int64_t now_us = std::llround(aircraft_.now_s() * 1e6);
   truth_.transport->advance(now_us, [&](const Transport::Arrival&) { truth_.transport->follow_sender(now_us); });
   link_.transport->advance(now_us, [&](const Transport::Arrival& arrival) {

@@ -44,7 +44,7 @@ class LoopAutopilot {
 
   static End end();
   static std::string endpoint_of(const Transport& transport);
-  void hear();
+  void receive();
   void take(const MavlinkFrame& frame);
   void take_given_position(LonLat place, double sigma_m, const std::optional<GpsVelocity>& velocity,
                            double speed_sigma_mps);
