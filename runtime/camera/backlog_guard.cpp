@@ -28,37 +28,32 @@ BacklogGuard::Verdict BacklogGuard::classify(double arrived_s) {
   const double interval_s = last_s_ ? arrived_s - *last_s_ : -1;
   last_s_ = arrived_s;
   if (interval_s < 0) {  // the first one, or time ran backwards
-    state_ = State::steady;
+    after_pause_ = false;
     return Verdict::fresh;
   }
-  return state_ == State::steady ? steady(interval_s) : after_pause(interval_s);
+  return after_pause_ ? after_pause(interval_s) : steady(interval_s);
 }
 
+// An interval that is as long as the one before it is no pause: the camera has become slower.
 BacklogGuard::Verdict BacklogGuard::steady(double interval_s) {
   const auto usual = usual_interval_s();
-  intervals_s_[measured_++ % kKept] = interval_s;  // also that of a pause: the camera may have become slower for good
-  if (usual && interval_s > std::max(kShortestPause_s, kPauseInIntervals * *usual)) {
-    state_ = State::holding;
-    interval_before_s_ = *usual;
-    backlog_s_ = interval_s - *usual;
-    return Verdict::hold;
-  }
-  return Verdict::fresh;
+  const double longest_s = usual ? kPauseInIntervals * std::max(*usual, last_interval_s_) : 0;
+  intervals_s_[measured_++ % kKept] = last_interval_s_ = interval_s;  // also that of a pause
+  if (!usual || interval_s <= std::max(kShortestPause_s, longest_s)) return Verdict::fresh;
+  after_pause_ = true;
+  interval_before_s_ = *usual;
+  backlog_s_ = interval_s - *usual;
+  return Verdict::unproven;
 }
 
 BacklogGuard::Verdict BacklogGuard::after_pause(double interval_s) {
   backlog_s_ -= interval_before_s_ - interval_s;
   if (interval_s < kFastInIntervals * interval_before_s_ && backlog_s_ > 0) {
-    state_ = State::draining;
+    last_interval_s_ = interval_s;
     return Verdict::stale;
   }
-  state_ = State::steady;
+  after_pause_ = false;
   return steady(interval_s);
-}
-
-std::optional<double> BacklogGuard::settled_s() const {
-  if (state_ != State::holding) return std::nullopt;
-  return *last_s_ + kFastInIntervals * interval_before_s_;
 }
 
 }  // namespace nadir

@@ -38,11 +38,9 @@ void CameraFeed::run(const std::stop_token& stop) {
   begin_thread("camera", ThreadPriority::normal);
   while (!stop.stop_requested()) {
     beat_();
-    CameraReading reading = source_->next(max_wait(), stop);
-    const bool frame = reading.status == CameraStatus::frame;
-    deliver_settled(frame ? reading.frame.time_s : clock_.monotonic_s());
+    CameraReading reading = source_->next(kMaxWait, stop);
     if (reading.status == CameraStatus::timeout) continue;
-    if (frame) {
+    if (reading.status == CameraStatus::frame) {
       on_frame(std::move(reading.frame));
       continue;
     }
@@ -55,44 +53,27 @@ void CameraFeed::run(const std::stop_token& stop) {
   }
 }
 
-// At most until the held frame becomes fresh.
-std::chrono::milliseconds CameraFeed::max_wait() const {
-  const auto settled_s = guard_.settled_s();
-  if (!held_ || !settled_s) return kMaxWait;
-  const std::chrono::duration<double> left(std::clamp(*settled_s - clock_.monotonic_s(), 0.0, 1.0));
-  return std::min(kMaxWait, std::chrono::ceil<std::chrono::milliseconds>(left));
-}
-
 void CameraFeed::on_frame(CameraFrame frame) {
-  if (frame.age_s && *frame.age_s > kOldestFrame_s) {
-    drop_with_held();
+  if (frame.age_s) {
+    *frame.age_s > kOldestFrame_s ? drop_stale() : deliver(frame);
     return;
   }
   switch (guard_.classify(frame.time_s)) {
     case BacklogGuard::Verdict::fresh: deliver(frame); break;
-    case BacklogGuard::Verdict::hold: held_ = std::move(frame); break;
-    case BacklogGuard::Verdict::stale: drop_with_held(); break;
+    case BacklogGuard::Verdict::unproven: ++stale_; break;
+    case BacklogGuard::Verdict::stale: drop_stale(); break;
   }
 }
 
 void CameraFeed::deliver(CameraFrame& frame) {
-  held_.reset();
   last_failure_.clear();
   on_event_(FrameReceived{});
   const double captured_s = frame.time_s - frame.age_s.value_or(0) - capture_delay_s_;
   frames_.put({frame.name, encoded(frame), captured_s});
 }
 
-void CameraFeed::deliver_settled(double now_s) {
-  const auto settled_s = guard_.settled_s();
-  if (!held_ || !settled_s || now_s < *settled_s) return;
-  CameraFrame frame = std::move(*held_);
-  deliver(frame);
-}
-
-void CameraFeed::drop_with_held() {
-  stale_ += held_ ? 2 : 1;
-  held_.reset();
+void CameraFeed::drop_stale() {
+  ++stale_;
   on_failure("the camera delivers stale frames from its buffer; they are dropped");
 }
 

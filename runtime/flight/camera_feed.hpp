@@ -1,5 +1,5 @@
 // The camera's thread: frames go into the localizer's mailbox, where the latest wins; failures are reported. Frames
-// that the camera buffered during a pause are dropped (backlog_guard.hpp).
+// that the camera may have buffered during a pause are dropped: by the age that they state, else by backlog_guard.hpp.
 #pragma once
 
 #include <atomic>
@@ -23,16 +23,14 @@ class CameraFeed {
 
   std::string describe() const { return source_->describe(); }
 
-  // Stale frames that were dropped: no mailbox counts them. From any thread.
+  // Stale and unproven frames, which were dropped: no mailbox counts them. From any thread.
   std::uint64_t stale() const { return stale_; }
 
  private:
   void run(const std::stop_token& stop);
-  std::chrono::milliseconds max_wait() const;
   void on_frame(CameraFrame frame);
   void deliver(CameraFrame& frame);
-  void deliver_settled(double now_s);
-  void drop_with_held();
+  void drop_stale();
   void on_bad_frame(const std::string& reason);
   void on_failure(const std::string& reason);
 
@@ -42,7 +40,6 @@ class CameraFeed {
   LatestMailbox<CapturedFrame>& frames_;
   std::function<void(OnboardEvent)> on_event_;
   BacklogGuard guard_;
-  std::optional<CameraFrame> held_;  // until it is known to be fresh
   std::atomic<std::uint64_t> stale_{0};
   std::string last_failure_;
   std::optional<double> bad_frame_s_;  // when one was reported
