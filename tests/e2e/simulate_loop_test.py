@@ -63,26 +63,33 @@ class SimulateLoop(support.EndToEnd):
         except OSError:
             return False
 
-    def test_flies_and_measures(self):
-        for autopilot, circumstance in (("ardupilot", "denied"), ("px4", "spoofed")):
-            out = self.folder / autopilot
-            result = self.good(*self.args("--autopilot", autopilot, "--circumstance", circumstance, "--minutes", 0.5, "--out",
-                                          out, "--json"))
-            figures = json.loads(result.stdout)
-            self.assertEqual([autopilot, circumstance, 30.0], [figures[k] for k in ("autopilot", "circumstance", "flown_s")])
-            self.assertGreater(figures["fixes"], 100, f"{figures}\n{result.stderr}")
-            self.assertLess(figures["fix_error_m"]["worst"], 40, figures)
-            self.assertLess(figures["off_track_m"]["worst"], 90, figures)  # the world is small and its corners are tight
-            self.assertGreater(figures["flown_by_fixes_s"], 5, figures)
-            self.assertLess(figures["usable_from_s"], 25, figures)
-            rows = list(csv.DictReader((out / "track.csv").read_text().splitlines()))
-            self.assertEqual(300, len(rows), "ten a second")
-            self.assertEqual("nadird", rows[-1]["flown_by"])
-            self.assertLess(float(rows[-1]["fix_error_m"]), 40)
-            self.good("recorder", "verify", out / "record")
-            said = "GPS SPOOFED" if circumstance == "spoofed" else "GPS DENIED"
-            self.assertIn(said, result.stderr)
-            self.assertIn("autopilot now navigating by Nadir", result.stderr)
+    def flies(self, autopilot, circumstance, *more):
+        """Half a minute, and what it printed."""
+        result = self.good(*self.args("--autopilot", autopilot, "--circumstance", circumstance, "--minutes", 0.5, "--json", *more))
+        figures = json.loads(result.stdout)
+        self.assertEqual([autopilot, circumstance, 30.0], [figures[k] for k in ("autopilot", "circumstance", "flown_s")])
+        self.assertGreater(figures["fixes"], 100, f"{figures}\n{result.stderr}")
+        self.assertLess(figures["fix_error_m"]["worst"], 40, figures)
+        self.assertLess(figures["off_track_m"]["worst"], 90, figures)  # the world is small and its corners are tight
+        self.assertGreater(figures["flown_by_fixes_s"], 5, figures)
+        self.assertLess(figures["usable_from_s"], 25, figures)
+        self.assertIn("GPS " + circumstance.upper(), result.stderr)
+        self.assertIn("autopilot now navigating by Nadir", result.stderr)
+
+    def test_a_spoofed_px4_flies_and_is_measured(self):
+        out = self.folder / "flight"
+        self.flies("px4", "spoofed", "--out", out)
+        rows = list(csv.DictReader((out / "track.csv").read_text().splitlines()))
+        self.assertEqual(300, len(rows), "ten a second")
+        self.assertEqual("nadird", rows[-1]["flown_by"])
+        self.assertLess(float(rows[-1]["fix_error_m"]), 40)
+        self.good("recorder", "verify", out / "record")
+
+    def test_a_denied_ardupilot_flies_and_leaves_nothing_without_out(self):
+        world = self.world()
+        with unittest.mock.patch.dict(os.environ, {"TMPDIR": str(self.folder)}):
+            self.flies("ardupilot", "denied", "--world", world)
+        self.assertEqual([], list(self.folder.iterdir()))
 
     def test_the_page_answers_and_ctrl_c_ends_all(self):
         process, page = self.begin("--minutes", 10, "--out", self.folder / "cut")
@@ -91,18 +98,18 @@ class SimulateLoop(support.EndToEnd):
         children = self.children(process)
         self.assertEqual(2, len(children), children)
         time.sleep(2)
+        os.kill(process.pid, signal.SIGSTOP)  # as on a machine that is too slow: the aircraft does not wait
+        time.sleep(3)
+        os.kill(process.pid, signal.SIGCONT)
+        time.sleep(2)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
         out, err = process.communicate(timeout=40)
         self.assertEqual(130, process.returncode, err)
         self.assertIn("positions from the truth", out)
+        self.assertGreaterEqual(float(re.search(r"up to ([0-9.]+) s behind real time", out).group(1)), 2.5, out)
+        self.assertGreaterEqual(int(re.search(r"flown +([0-9]+) s", out).group(1)), 6, out)
         self.assertTrue(self.gone(children, 1), "programs are left")
         self.good("recorder", "verify", self.folder / "cut/record")
-
-    def test_nothing_is_left_without_out(self):
-        world = self.world()
-        with unittest.mock.patch.dict(os.environ, {"TMPDIR": str(self.folder)}):
-            self.good(*self.args("--world", world, "--minutes", 0.2))
-        self.assertEqual([], list(self.folder.iterdir()))
 
     def test_a_killed_loop_takes_its_programs_with_it(self):
         process, _ = self.begin("--minutes", 10, "--out", self.folder / "killed")

@@ -319,7 +319,7 @@ void SimulateLoopCommand::report(Context& context, const LoopFigures& figures, c
       {"not usable", usable}};
   if (figures.late_s > 0 || figures.frames_late > 0) {
     table.emplace_back("machine too slow",
-                       fmt::format("{} of {} frames later than nadird reckons with; {:.1f} s behind real time",
+                       fmt::format("{} of {} frames later than nadird reckons with; up to {:.1f} s behind real time",
                                    figures.frames_late, figures.frames, figures.late_s));
   }
   if (out_) table.emplace_back("kept in", out_->string());

@@ -107,7 +107,7 @@ class LoopFlight {
         track_(setup.track) {}
 
   LoopFigures fly() {
-    auto begun = LoopClock::now();
+    const auto begun = LoopClock::now();
     while (aircraft_.now_s() < setup_.duration_s && !interrupt_requested()) {
       aircraft_.step();
       happen();
@@ -115,10 +115,10 @@ class LoopFlight {
       note();
       const double ahead_s = aircraft_.now_s() - std::chrono::duration<double>(LoopClock::now() - begun).count();
       if (ahead_s > 0) std::this_thread::sleep_for(std::chrono::duration<double>(ahead_s));
-      if (ahead_s < -kFallsBehind_s) {
-        figures_.late_s -= ahead_s;
-        begun += std::chrono::duration_cast<LoopClock::duration>(std::chrono::duration<double>(-ahead_s));
-      }
+      // An aircraft does not wait for a computer: what was missed is flown at once. Were it to stand still instead, a
+      // position that was propagated meanwhile would be wrong.
+      behind_ = ahead_s < -kFallsBehind_s;
+      if (behind_) figures_.late_s = std::max(figures_.late_s, -ahead_s);
     }
     figures_.flown_s = aircraft_.now_s();
     figures_.lap_m = aircraft_.circuit().length_m();
@@ -151,6 +151,7 @@ class LoopFlight {
     const double now_s = aircraft_.now_s();
     const PlanePoint here = aircraft_.body().place();
     for (const GivenPosition& given : autopilot_.take_given()) {
+      if (behind_) continue;  // it is of a later moment than `here`
       given_ = given;
       fix_error_m_ = distance_m(given.place, here);
       given_s_ = now_s;
@@ -201,7 +202,7 @@ class LoopFlight {
   StatusPoll poll_;
   TrackFile track_;
 
-  bool gps_failed_ = false, dark_ = false;
+  bool gps_failed_ = false, dark_ = false, behind_ = false;
   GivenPosition given_;
   int steps_ = 0;
   double fix_error_m_ = 0;

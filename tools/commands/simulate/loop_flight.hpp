@@ -29,7 +29,7 @@ struct Spread {
 };
 
 struct LoopFigures {
-  double flown_s = 0, lap_m = 0, late_s = 0;  // late: what the machine could not keep up with
+  double flown_s = 0, lap_m = 0, late_s = 0;  // late: most that it fell behind real time
   std::size_t fixes = 0;
   std::optional<Spread> fix_error_m{}, off_track_m{};
   double by_fixes_s = 0;                  // flown by nadird's positions
