@@ -38,8 +38,8 @@ class Flight(support.EndToEnd):
     def test_nadird_navigates_an_aircraft_without_gps(self):
         out = self.folder / "flight"
         result = subprocess.run(
-            [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--nadird", support.NADIRD, "--minutes", "0.9",
-             "--event", "25:gps-denied", "--fps", "2", "--width", "640", "--signed", "--json", "--nadird-option=--keep-frames",
+            [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--nadird", support.NADIRD, "--minutes", "0.75",
+             "--event", "20:gps-denied", "--fps", "2", "--width", "640", "--signed", "--json", "--nadird-option=--keep-frames",
              "--out", out, "--report", out / "live.html"],
             stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=500, check=False)
         self.assertEqual(0, result.returncode, result.stderr)
@@ -63,8 +63,8 @@ class Flight(support.EndToEnd):
     def flies_with_px4(self, out):
         """The same world, PX4's messages and rules."""
         result = subprocess.run(
-            [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--nadird", support.NADIRD, "--minutes", "0.7",
-             "--event", "20:gps-denied", "--fps", "2", "--width", "640", "--signed", "--json", "--autopilot", "px4",
+            [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--nadird", support.NADIRD, "--minutes", "0.55",
+             "--event", "15:gps-denied", "--fps", "2", "--width", "640", "--signed", "--json", "--autopilot", "px4",
              "--inputs", out / "inputs", "--out", out / "px4"],
             stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=300, check=False)
         self.assertEqual(0, result.returncode, result.stderr)

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "base/error.hpp"
@@ -45,11 +46,22 @@ double largest_error_m(const FlightStore& store, EstimateKind kind) {
   return largest_m;
 }
 
+// The crossing flight with its pictures processed: made once, copied for each test.
+std::unique_ptr<FlightStore> processed_flight(const std::filesystem::path& folder) {
+  static const TemporaryFolder made;
+  static const bool once = [] {
+    const auto store = crossing_flight(made / "flight", crossing_moments());
+    FlightEngine(*store, crossing_setup(), kClockAtNow).process();
+    return true;
+  }();
+  if (once) std::filesystem::copy(made / "flight", folder, std::filesystem::copy_options::recursive);
+  return FlightStore::open(folder);
+}
+
 TEST(SharedGround, PlacesASegmentThatNoMapShows) {
   const TemporaryFolder temporary;
-  const auto store = crossing_flight(temporary / "flight", crossing_moments());
+  const auto store = processed_flight(temporary / "flight");
   FlightEngine engine(*store, crossing_setup(), kClockAtNow);
-  engine.process();
   auto segments = store->segments();
   ASSERT_EQ(segments.size(), 3U);
   EXPECT_EQ(segments[0].state, SegmentState::anchored);
@@ -99,9 +111,8 @@ TEST(SharedGround, AnotherLandIsNotTakenForIt) {
 TEST(SharedGround, WhatAPersonTakesBackFloatsForEver) {
   const TemporaryFolder temporary;
   {
-    const auto store = crossing_flight(temporary / "flight", crossing_moments());
+    const auto store = processed_flight(temporary / "flight");
     FlightEngine engine(*store, crossing_setup(), kClockAtNow);
-    engine.process();
     place_all(engine);
     ASSERT_TRUE(store->take_back_merge(2, "test", kNow));
     EXPECT_FALSE(store->placed_estimate(kSecondBegins + 2));
@@ -160,9 +171,8 @@ TEST(SharedGround, FloatsAgainWhenWhatItWasPlacedByIsTakenBack) {
 
 TEST(SharedGround, IsCancelled) {
   const TemporaryFolder temporary;
-  const auto store = crossing_flight(temporary / "flight", crossing_moments());
+  const auto store = processed_flight(temporary / "flight");
   FlightEngine engine(*store, crossing_setup(), kClockAtNow);
-  engine.process();
   int checks = 0;
   const Cancel late([&checks] { return ++checks > 40; });
   EXPECT_THROW(
