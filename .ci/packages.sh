@@ -32,6 +32,7 @@ packages_build=(
   libzstd-dev                # its chunks
   liblz4-dev                 # chunks of other people's MCAP files
   zlib1g-dev                 # CRC-32
+  librsync-dev               # patches of packages
   libgeographiclib-dev       # local east-north-up frames
   libboost-dev               # Beast, Asio: the HTTP of nadird; headers alone, libgdal-dev brings them anyway
   libcurl4-openssl-dev       # `nadir sync`; libgdal-dev takes it in the place of the one with GnuTLS

@@ -27,6 +27,11 @@ find_library(LIBCSV_LIBRARY csv REQUIRED)
 add_library(libcsv::csv UNKNOWN IMPORTED)
 set_target_properties(libcsv::csv PROPERTIES
   IMPORTED_LOCATION "${LIBCSV_LIBRARY}" INTERFACE_INCLUDE_DIRECTORIES "${LIBCSV_INCLUDE_DIR}")
+find_path(LIBRSYNC_INCLUDE_DIR librsync.h REQUIRED)
+find_library(LIBRSYNC_LIBRARY rsync REQUIRED)
+add_library(librsync::librsync UNKNOWN IMPORTED)
+set_target_properties(librsync::librsync PROPERTIES
+  IMPORTED_LOCATION "${LIBRSYNC_LIBRARY}" INTERFACE_INCLUDE_DIRECTORIES "${LIBRSYNC_INCLUDE_DIR}")
 include(FlatBuffersSchemas)
 include(FindOpenCvModules)
 nadir_find_opencv(core imgproc features2d calib3d flann)

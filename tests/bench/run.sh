@@ -16,6 +16,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   suite         what the tests cost: CPU seconds of each test that ctest knows, by folder (-R REGEX, --against FILE; 20 minutes)
   package       tile sets from one picture: Nadir, gdal_translate + gdaladdo, gdal2tiles.py, rio-mbtiles, rio-cogeo
   validators    what validators say about damaged tile sets and about Nadir's own
+  patch         bytes on the wire for a map of which 2 % have changed: a patch, rsync, xdelta3, zstd (a minute; --format cog)
   kill          builds and resumes killed at random moments
   area          20 km² at zoom 19: built, verified in full, indexed, read tile by tile (15 minutes)
   large         100 000 tiles, 10 GB: quick and full verification, coverage and freshness, catalogue (10 minutes, 11 GB)
@@ -91,6 +92,7 @@ part() {
     suite)        python3 -B "$here/suite.py" "$@" ;;
     package)      programs && python3 "$here/package.py" "$@" ;;
     validators)   python3 "$here/validators.py" "$@" ;;
+    patch)        one_program nadir && python3 -B "$here/patch.py" "$@" ;;
     kill)         python3 "$here/kill_resume.py" "$@" ;;
     navigability) one_program nadir && python3 -B "$here/navigability.py" build/bin "$@" ;;
     area)         programs && python3 "$here/area.py" "$@" ;;
@@ -132,8 +134,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: build, suite, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, adjusted, adjustment, survey, desk, segments, large-flight, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
-  build | suite | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjusted | adjustment | survey | desk | segments | large-flight | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
+    echo "NOT RUN unless asked for: build, suite, patch, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, adjusted, adjustment, survey, desk, segments, large-flight, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
+  build | suite | package | validators | patch | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjusted | adjustment | survey | desk | segments | large-flight | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -130,5 +130,36 @@ TEST_F(CacheDiff, NamesInFilesAreEscapedForTheTerminal) {
   EXPECT_NE(out_.str().find("metadata x"), std::string::npos);
 }
 
+// As a planner and an operator call them.
+TEST_F(CacheDiff, APatchMakesTheOtherPackage) {
+  maker_.make(folder_, "old");
+  folder_.write("root.json", sign_root(maker_.root, {&maker_.signer}).json());
+  write_file_atomic(folder_ / "p.key.pem", maker_.signer.pem(), 0600);
+  write_file_atomic(folder_ / "stranger.pem", PrivateKey::generate().pem(), 0600);
+  maker_.mission = test::mission_yaml({{"sequence: 3", "sequence: 4"}});
+  maker_.make(folder_, "new");
+  const std::vector<std::string> patch{"cache", "diff", "@old", "@new", "--patch", "@patch", "--trust", "@root.json"};
+  const auto with_key = [&](const std::string& key) {
+    std::vector<std::string> args = patch;
+    args.insert(args.end(), {"--key", key});
+    return args;
+  };
+  EXPECT_EQ(run(with_key("@stranger.pem")), 2);
+  EXPECT_EQ(run(patch), 2);
+  EXPECT_FALSE(fs::exists(folder_ / "patch"));
+  ASSERT_EQ(run(with_key("@p.key.pem")), 0) << err_.str();
+  EXPECT_NE(out_.str().find("patch: "), std::string::npos) << out_.str();
+  const std::vector<std::string> apply{"cache", "apply", "@old", "@patch", "--trust", "@root.json", "--out", "@made"};
+  ASSERT_EQ(run(apply), 0) << err_.str();
+  EXPECT_NE(out_.str().find("3 -> 4"), std::string::npos) << out_.str();
+  EXPECT_EQ(test::run_process({"diff", "-r", path("new"), path("made")}).code, 0);
+  EXPECT_EQ(run(apply), 2) << "it is there already";
+  EXPECT_EQ(run({"cache", "apply", "@old", "@patch", "--trust", "@root.json", "--out", "@late", "--at", "2026-01-01",
+                 "--json"}),
+            1);
+  EXPECT_EQ(result()["findings"][0]["code"], "package.expired");
+  EXPECT_FALSE(fs::exists(folder_ / "late"));
+}
+
 }  // namespace
 }  // namespace nadir

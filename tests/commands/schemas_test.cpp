@@ -7,6 +7,7 @@
 #include "commands/command_fixture.hpp"
 #include "package/mission.hpp"
 #include "package/package_maker.hpp"
+#include "package_delta/package_patch.hpp"
 #include "provision/airframe_manifest.hpp"
 #include "support/process.hpp"
 
@@ -53,6 +54,17 @@ class Schemas : public test::CommandTest {
 
   fs::path package_;
 };
+
+TEST_F(Schemas, PackagePatch) {
+  maker_.mission = test::mission_yaml({{"sequence: 3", "sequence: 4"}});
+  maker_.make(folder_, "next");
+  ASSERT_EQ(run({"cache", "diff", package_.string(), "@next", "--patch", "@patch", "--key", "@p.key.pem"}), 0)
+      << err_.str();
+  json patch = json::parse(read_patch(InputFile(folder_ / "patch")).document.json());
+  EXPECT_TRUE(takes("package-patch", patch));
+  patch["signed"]["files"][0].erase("sha256");
+  EXPECT_FALSE(takes("package-patch", patch));
+}
 
 TEST_F(Schemas, Root) {
   for (const char* name : {"root.json", "2.json"}) EXPECT_TRUE(takes("root", read(folder_ / name))) << name;

@@ -14,6 +14,8 @@
 #include "package/tile_set_check.hpp"
 #include "package/validate.hpp"
 #include "package/vector_layer.hpp"
+#include "package_delta/file_delta.hpp"
+#include "package_delta/package_patch.hpp"
 #include "trust/aircraft_state.hpp"
 #include "trust/rollback_permit.hpp"
 #include "trust/root.hpp"
@@ -83,6 +85,33 @@ void permit(std::string_view bytes) {
     require(first.permit.to < first.permit.from, "a permit that is no step back");
     const SignedPermit again = parse_permit(first.document.json(), "again");
     require(again.document.signed_bytes == first.document.signed_bytes, "a permit changes when it is written");
+  });
+}
+
+void patch(std::string_view bytes) {
+  refusing([&] {
+    const SignedPatch first = read_patch(InputFile(scratch_file("patch", bytes)));
+    require(!first.header.files.empty(), "a patch without files");
+    const SignedPatch again = parse_patch(as_bytes(first.document.json()), "again");
+    require(again.document.signed_bytes == first.document.signed_bytes, "a patch changes when it is written");
+  });
+}
+
+void file_delta(std::string_view bytes) {
+  const std::string old_bytes(20'000, 'o');
+  refusing([&] {
+    const InputFile old_file(scratch_file("old", old_bytes));
+    std::size_t at = 0, made = 0;
+    const ByteSource source = [&](std::span<std::uint8_t> target) {
+      const std::size_t size = std::min(target.size(), bytes.size() - at);
+      std::copy_n(bytes.begin() + static_cast<std::ptrdiff_t>(at), size, target.begin());
+      at += size;
+      return size;
+    };
+    apply_file_delta(&old_file, source, [&](ByteView part) {
+      made += part.size();
+      if (made > (std::size_t{1} << 24)) throw Error({.what = "as much as was announced"});
+    });
   });
 }
 

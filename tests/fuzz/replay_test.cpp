@@ -29,6 +29,8 @@ const std::vector<Target>& targets() {
                                        {"state", fuzz::state},
                                        {"permit", fuzz::permit},
                                        {"time_permit", fuzz::time_permit},
+                                       {"patch", fuzz::patch},
+                                       {"file_delta", fuzz::file_delta},
                                        {"acceptance", fuzz::acceptance},
                                        {"candidate", fuzz::candidate},
                                        {"candidate_rows", fuzz::candidate_rows},

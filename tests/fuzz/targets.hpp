@@ -16,6 +16,8 @@ void mission(std::string_view bytes);
 void state(std::string_view bytes);
 void permit(std::string_view bytes);
 void time_permit(std::string_view bytes);
+void patch(std::string_view bytes);           // of a package: its file, with the header
+void file_delta(std::string_view bytes);      // a body of one
 void acceptance(std::string_view bytes);      // the line of acceptance.json, sealed by the target
 void candidate(std::string_view bytes);       // a candidate tile's sidecar
 void candidate_rows(std::string_view bytes);  // rows of a store of candidates, in any types

@@ -19,6 +19,7 @@ ALLOWED = {
     "imagery": "base geodesy",
     "trust": "base geodesy",
     "package": "base geodesy imagery trust",
+    "package_delta": "base trust package",
     # where am I
     "vision": "base geodesy imagery package",
     "estimation": "base geodesy imagery package vision",
@@ -57,7 +58,7 @@ ALLOWED = {
     "flight": "base geodesy imagery trust package vision estimation ortho recorder mavlink fixes cli api camera service",
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
-    "commands": "base geodesy imagery trust package vision estimation adjustment ortho recorder flights flight_adjustment replay mavlink upload raster package_build "
+    "commands": "base geodesy imagery trust package package_delta vision estimation adjustment ortho recorder flights flight_adjustment replay mavlink upload raster package_build "
                 "catalogue simulation provision flight_import mission_formats navigability cli report map_page verify_request nadird_client desk planning",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",

@@ -36,6 +36,7 @@ std::unique_ptr<Command> make_cache_validate();
 std::unique_ptr<Command> make_cache_gaps();
 std::unique_ptr<Command> make_cache_matchability();
 std::unique_ptr<Command> make_cache_diff();
+std::unique_ptr<Command> make_cache_apply();
 std::unique_ptr<Command> make_catalogue_add();
 std::unique_ptr<Command> make_catalogue_list();
 std::unique_ptr<Command> make_catalogue_gaps();

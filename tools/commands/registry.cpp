@@ -32,6 +32,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
                           make_cache_gaps,
                           make_cache_matchability,
                           make_cache_diff,
+                          make_cache_apply,
                           make_catalogue_add,
                           make_catalogue_list,
                           make_catalogue_gaps,

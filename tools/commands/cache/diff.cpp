@@ -14,9 +14,13 @@
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/cache/package_signer.hpp"
 #include "commands/cache/tile_set_subject.hpp"
 #include "commands/commands.hpp"
+#include "commands/keys/root_signing.hpp"
 #include "package/tile_set_diff.hpp"
+#include "package_delta/package_patch.hpp"
+#include "trust/root.hpp"
 
 namespace nadir {
 namespace {
@@ -146,10 +150,15 @@ class CacheDiffCommand final : public Command {
   int run(Context& context) override;
 
  private:
+  std::optional<MadePatch> patch(Context& context) const;
+
   std::filesystem::path before_;
   std::filesystem::path after_;
   bool list_ = false;
   std::optional<std::filesystem::path> geojson_;
+  std::optional<std::filesystem::path> patch_;
+  std::vector<std::filesystem::path> keys_;
+  std::optional<std::filesystem::path> trust_;
 };
 
 std::string_view CacheDiffCommand::details() const {
@@ -157,12 +166,18 @@ std::string_view CacheDiffCommand::details() const {
 manifests. Nothing is verified. The summary comes first; with --list a line for each difference
 follows: - for what only A has, + for what only B has, and ~ for what differs.
 
-Exit codes: 0 identical, 1 they differ, 2 the comparison could not be done.)";
+--patch writes a file that makes package B of package A (`nadir cache apply`), for links over which B
+itself is too large; what did not change is not in it. It is signed like a package, so that an
+aircraft's operator need not trust the link. B must be what its manifest says.
+
+Exit codes: 0 identical, or the patch was written; 1 they differ, or B is not what its manifest says
+and there is no patch; 2 the comparison could not be done.)";
 }
 
 std::string_view CacheDiffCommand::examples() const {
   return R"(nadir cache diff monday tuesday
-nadir cache diff package others.mbtiles --json)";
+nadir cache diff package others.mbtiles --json
+nadir cache diff package package2 --patch 1-to-2.patch --key planner.key.pem --trust root.json)";
 }
 
 void CacheDiffCommand::setup(Options& options) {
@@ -170,6 +185,27 @@ void CacheDiffCommand::setup(Options& options) {
   options.positional("B", after_, "what it is compared with").required();
   options.flag("--list", list_, "list every difference");
   options.value("--geojson", geojson_, "FILE.geojson", "write the tiles that differ as polygons, for a map");
+  options.value("--patch", patch_, "FILE", "write a signed patch that makes B of A; an existing file is replaced")
+      .needs("--key");
+  options.values("--key", keys_, "KEY.pem", "with --patch: private key of a package signer; may be repeated")
+      .needs("--patch");
+  options
+      .value("--trust", trust_, "ROOT.json",
+             "with --patch: root that the receivers hold: the keys must be package signers of it")
+      .needs("--patch");
+}
+
+std::optional<MadePatch> CacheDiffCommand::patch(Context& context) const {
+  if (!patch_) return std::nullopt;
+  const std::vector<PrivateKey> keys = read_private_keys(keys_);
+  std::optional<TrustRoot> installed;
+  if (trust_) installed = read_trusted_root(*trust_);
+  std::vector<const PrivateKey*> signers;
+  for (const PrivateKey& key : keys) {
+    require_package_signer(key, installed, {}, context);
+    signers.push_back(&key);
+  }
+  return make_patch(before_, after_, signers, *patch_, context.progress);
 }
 
 int CacheDiffCommand::run(Context& context) {
@@ -178,18 +214,24 @@ int CacheDiffCommand::run(Context& context) {
   std::vector<EntryChange> facts;
   if (before.manifest && after.manifest) facts = diff_entries(facts_of(*before.manifest), facts_of(*after.manifest));
   const bool same = diff.empty() && facts.empty();
+  const std::optional<MadePatch> made = patch(context);
+  if (made && made->findings.has_errors()) return report_findings(context.out, context.json, made->findings);
   if (geojson_) write_file_atomic(*geojson_, geojson_of(diff).dump() + "\n");
   if (context.json) {
     json redescribed = json::array();
     for (const TileKey& key : diff.redescribed) redescribed.push_back(to_text(key));
-    print_json(context.out, {{"same", same},
-                             {"manifest", json_from(facts)},
-                             {"metadata", json_from(diff.metadata)},
-                             {"added", json_from(diff.added)},
-                             {"removed", json_from(diff.removed)},
-                             {"changed", json_from(diff.changed)},
-                             {"sidecars", redescribed},
-                             {"unchanged_tiles", diff.same}});
+    json result{{"same", same},
+                {"manifest", json_from(facts)},
+                {"metadata", json_from(diff.metadata)},
+                {"added", json_from(diff.added)},
+                {"removed", json_from(diff.removed)},
+                {"changed", json_from(diff.changed)},
+                {"sidecars", redescribed},
+                {"unchanged_tiles", diff.same}};
+    if (made) {
+      result["patch"] = {{"file", patch_->string()}, {"bytes", made->bytes}, {"package_bytes", made->package_bytes}};
+    }
+    print_json(context.out, result);
   } else {
     context.out << fmt::format("{}: {} added, {} removed, {} changed, {} with a new sidecar only, {} unchanged\n",
                                same ? "identical" : "different", count(diff.added.size(), "tile"), diff.removed.size(),
@@ -198,8 +240,13 @@ int CacheDiffCommand::run(Context& context) {
     print(context.out, "manifest", facts);
     print(context.out, "metadata", diff.metadata);
     if (list_) print(context.out, diff);
+    if (made) {
+      context.out << fmt::format("patch: {}, {:.2f} MB; the package has {:.2f} MB\n", patch_->string(),
+                                 static_cast<double>(made->bytes) / 1e6,
+                                 static_cast<double>(made->package_bytes) / 1e6);
+    }
   }
-  return same ? kAccepted : kRefused;
+  return same || made ? kAccepted : kRefused;
 }
 
 }  // namespace
