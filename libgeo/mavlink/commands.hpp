@@ -2,7 +2,8 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
+#include <string>
+#include <variant>
 
 #include "mavlink/messages.hpp"
 
@@ -47,12 +48,18 @@ struct ExternalPosition {
 };
 CommandInt external_position_estimate(MavlinkAddress target, const ExternalPosition& position);
 
-// An operator's approximate position: the same command, sent to us. nullopt: another command, or no valid position.
+// An operator's approximate position: the same command, sent to us.
 struct PositionHint {
   LonLat place{};
-  double radius_m = 0;
+  double radius_m = 0;  // above 0
+  double age_s = 0;     // when it was sent
 };
-std::optional<PositionHint> position_hint(const CommandInt& command);
+bool is_position_hint(const CommandInt& command);
+// The hint, or why it is none: "no valid place".
+std::variant<PositionHint, std::string> position_hint(const CommandInt& command);
+
+// The same command with its place in numbers of single precision (half a metre), and without a frame.
+CommandInt as_command_int(const CommandLong& command);
 
 // MAVLink's rule: our system, and our component or 0, all components of the system.
 bool is_addressed_to(const CommandInt& command, MavlinkAddress station);

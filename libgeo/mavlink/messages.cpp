@@ -193,6 +193,17 @@ Decoded from_wire(const mavlink_command_int_t& w) {
                     {w.param1, w.param2, w.param3, w.param4}, place_e7(w.x, w.y), w.z};
 }
 
+Decoded from_wire(const mavlink_command_long_t& w) {
+  return CommandLong{{w.target_system, w.target_component},
+                     w.command,
+                     w.confirmation,
+                     {w.param1, w.param2, w.param3, w.param4, w.param5, w.param6, w.param7}};
+}
+
+Decoded from_wire(const mavlink_set_gps_global_origin_t& w) {
+  return SetLocalOrigin{w.target_system, place_e7(w.latitude, w.longitude), w.altitude * 1e-3};
+}
+
 Decoded from_wire(const mavlink_autopilot_version_t& w) {
   AutopilotVersion version{.capabilities = w.capabilities,
                            .flight_software = w.flight_sw_version,
@@ -479,6 +490,8 @@ std::optional<IncomingMessage> decode(const MavlinkFrame& frame) {
     case MAVLINK_MSG_ID_STATUSTEXT: return unpacked(message, mavlink_msg_statustext_decode);
     case MAVLINK_MSG_ID_PARAM_VALUE: return unpacked(message, mavlink_msg_param_value_decode);
     case MAVLINK_MSG_ID_COMMAND_INT: return unpacked(message, mavlink_msg_command_int_decode);
+    case MAVLINK_MSG_ID_COMMAND_LONG: return unpacked(message, mavlink_msg_command_long_decode);
+    case MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN: return unpacked(message, mavlink_msg_set_gps_global_origin_decode);
     case MAVLINK_MSG_ID_AUTOPILOT_VERSION: return unpacked(message, mavlink_msg_autopilot_version_decode);
     case MAVLINK_MSG_ID_SIM_STATE: return unpacked(message, mavlink_msg_sim_state_decode);
     default: return OtherMessage{frame.message_id};

@@ -57,6 +57,21 @@ struct CommandInt {
   float z = 0;
 };
 
+// The seven parameters may be NaN ("not used").
+struct CommandLong {
+  MavlinkAddress target{};
+  std::uint16_t command = 0;
+  std::uint8_t confirmation = 0;
+  std::array<float, 7> parameters{};
+};
+
+// SET_GPS_GLOBAL_ORIGIN.
+struct SetLocalOrigin {
+  std::uint8_t target_system = 0;
+  LonLat place{};
+  double msl_m = 0;
+};
+
 // ---- incoming
 
 // The autopilot's software, as its heartbeat names it.
@@ -207,7 +222,7 @@ struct OtherMessage {
 using IncomingMessage =
     std::variant<OtherMessage, Heartbeat, SystemTime, AircraftAttitude, GlobalPosition, GpsRaw, ImuSample, GroundHeight,
                  GroundDistance, EkfStatus, EstimatorStatus, LocalOrigin, StatusText, ParameterValue, CommandInt,
-                 AutopilotVersion, SimState>;
+                 CommandLong, SetLocalOrigin, AutopilotVersion, SimState>;
 
 // ---- outgoing
 
@@ -265,21 +280,6 @@ struct LocalPosition {
   double sigma_m = 0;  // horizontal, one axis
   double vertical_sigma_m = 0;
   std::uint8_t reset_counter = 0;  // another number: the position has jumped
-};
-
-// SET_GPS_GLOBAL_ORIGIN.
-struct SetLocalOrigin {
-  std::uint8_t target_system = 0;
-  LonLat place{};
-  double msl_m = 0;
-};
-
-// The seven parameters may be NaN ("not used").
-struct CommandLong {
-  MavlinkAddress target{};
-  std::uint16_t command = 0;
-  std::uint8_t confirmation = 0;
-  std::array<float, 7> parameters{};
 };
 
 struct CommandAck {

@@ -177,8 +177,10 @@ void AutopilotLink::send_everywhere(const OutgoingMessage& message, std::int64_t
 void AutopilotLink::advance_stations(double now_s) {
   for (Station& station : stations_) {
     station.link.advance(us(now_s), [&](const ReceivedMessage& message) {
-      if (station.setup.role != StationRole::ground_station || !std::holds_alternative<CommandInt>(message.message))
-        return;
+      const bool command = std::holds_alternative<CommandInt>(message.message) ||
+                           std::holds_alternative<CommandLong>(message.message) ||
+                           std::holds_alternative<SetLocalOrigin>(message.message);
+      if (station.setup.role != StationRole::ground_station || !command) return;
       ++station.commands;
       listener_.on_message(now_s, message);
     });

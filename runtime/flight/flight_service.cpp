@@ -191,6 +191,9 @@ void FlightService::start_link() {
   listener.on_fix = [this](DueFix due) { record_fix(std::move(due)); };
   listener.on_parameter_changed = [this](const ParameterChanged& changed) { publish(changed); };
   listener.on_rival = [this](std::uint64_t frames) { publish(LinkRivalSeen{frames}); };
+  HintIntake::MapDistance distance_m;
+  if (map_) distance_m = [this](const LonLat& place) { return map_->distance_m(place); };
+  hint_intake_.emplace(MavlinkAddress{airframe_.system, airframe_.component}, std::move(distance_m));
   link_ = std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_, std::move(listener));
   link_->start();  // on_command() uses link_
 }
@@ -264,22 +267,19 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
     if (ours) publish(EkfReport{now_s, ekf->horizontal_position_absolute, ekf->gps_glitching});
   } else if (const auto* estimator = std::get_if<EstimatorStatus>(&received.message)) {
     if (ours) publish(EkfReport{now_s, estimator->horizontal_position_absolute, estimator->gps_glitching});
-  } else if (const auto* command = std::get_if<CommandInt>(&received.message)) {
-    on_command(received, *command);
+  } else {
+    on_command(now_s, received);
   }
 }
 
 // On the link's thread.
-void FlightService::on_command(const ReceivedMessage& received, const CommandInt& command) {
-  if (!is_addressed_to(command, {airframe_.system, airframe_.component})) return;
-  const auto hint = position_hint(command);
-  if (hint) {
-    publish(PositionHinted{hint->place, hint->radius_m,
-                           fmt::format("operator {}/{}{}", received.source.system, received.source.component,
-                                       received.is_signed ? "" : ", unsigned")});
+void FlightService::on_command(double now_s, const ReceivedMessage& received) {
+  const HintIntake::Answer answer = hint_intake_->on_message(now_s, received, position_known_);
+  if (answer.hint) publish(*answer.hint);
+  if (!answer.refusal.empty()) {
+    publish(HintRefused{answer.refusal, fmt::format("{}/{}", received.source.system, received.source.component)});
   }
-  link_->send(
-      CommandAck{command.command, hint ? CommandResult::accepted : CommandResult::unsupported, received.source});
+  if (answer.acknowledgement) link_->send(*answer.acknowledgement);
 }
 
 // On the link's thread. The recorder queues the record and never waits.
@@ -318,6 +318,7 @@ FlightEnd FlightService::run() {
     if (const auto hint = parts_->take_hint()) on_event(now_s, PositionHinted{hint->place, hint->radius_m, "API"});
     assess_gps(now_s);
     on_transitions(machine_.update(now_s));
+    ask_for_hint(now_s);
     if (views.due(now_s)) update_view(now_s);
     if (figures.due(now_s)) send_figures(now_s);
     if (saves.due(now_s)) {
@@ -355,6 +356,7 @@ void FlightService::react(double, const LocalizedFrame& frame) { last_.frame = f
 
 // Take-off and landing, as what was accepted needs to know them.
 void FlightService::react(double time_s, const AutopilotHeartbeat& heartbeat) {
+  if (heartbeat.authentication != LinkAuthentication::missing) armed_ = heartbeat.armed;
   if (heartbeat.authentication == LinkAuthentication::missing || !acceptance_.record) return;
   const FlightPhase::Change change = acceptance_.phase.on_heartbeat(time_s, heartbeat.armed);
   if (change == FlightPhase::Change::none) return;
@@ -395,11 +397,16 @@ void FlightService::react(double, const LinkRivalSeen&) {
 
 void FlightService::react(double, const ParameterChanged& changed) {
   if (changed.restored()) return;
-  operator_texts_.add(TextSeverity::critical, fmt::format("Nadir: {} was changed, is {:g}", changed.name, changed.found));
+  operator_texts_.add(TextSeverity::critical,
+                      fmt::format("Nadir: {} was changed, is {:g}", changed.name, changed.found));
 }
 
 void FlightService::react(double, const PositionHinted& hint) {
   if (localization_) localization_->hint(hint.place, hint.radius_m, hint.source);
+}
+
+void FlightService::react(double, const HintRefused& refused) {
+  operator_texts_.add(TextSeverity::warning, "Nadir: hint refused, " + refused.reason);
 }
 
 // A trusted GPS says where to search first; never where we are.
@@ -431,6 +438,7 @@ void FlightService::on_transitions(std::span<const StateTransition> transitions)
     manager_.status(transition.text);
   }
   const ServiceStatus status = machine_.status();
+  position_known_ = status.fix;
   link_->on_status(status);
   if (!status.link_up) return;
   operator_texts_.deliver([this](TextSeverity severity, const std::string& text) { link_->send_text(severity, text); });
@@ -470,6 +478,15 @@ void FlightService::send_figures(double now_s) {
   for (const auto& [name, value] : figures) {
     link_->send(NamedValue{boot_ms, std::string(name), static_cast<float>(value)});
   }
+}
+
+// A trusted GPS hints by itself.
+void FlightService::ask_for_hint(double now_s) {
+  const ServiceStatus status = machine_.status();
+  const bool has_position = !map_ || status.fix || status.gps == GpsVerdict::trusted;
+  if (!hint_request_.due(now_s, armed_, has_position)) return;
+  journal_.note(now_s, EventSeverity::warning, "hint", "no position: the operator is asked for one");
+  operator_texts_.add(TextSeverity::warning, "Nadir: LOST, please set the position on the map");
 }
 
 void FlightService::save(double now_s) {
@@ -517,9 +534,9 @@ AwaitedParts FlightService::awaited_parts() const {
     const AutopilotLink::State link = link_->state();
     const std::string& error = link.error;
     return fmt::format("the autopilot {}/{} at {}: {}", airframe_.system, airframe_.autopilot, options_.autopilot,
-                       !error.empty()      ? error
-                       : !link.supported   ? fmt::format("it is {}, Nadir flies with {}", link.autopilot,
-                                                         supported_autopilots())
+                       !error.empty() ? error
+                       : !link.supported
+                           ? fmt::format("it is {}, Nadir flies with {}", link.autopilot, supported_autopilots())
                        : options_.link_key ? "no heartbeat with a valid signature"
                                            : "no heartbeat");
   };

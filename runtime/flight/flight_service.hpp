@@ -15,6 +15,7 @@
 // GPS; all other threads publish OnboardEvents (service/onboard_event.hpp) and never wait for it.
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -28,6 +29,7 @@
 #include "flight/autopilot_link.hpp"
 #include "flight/camera_feed.hpp"
 #include "flight/flight_journal.hpp"
+#include "flight/hint_intake.hpp"
 #include "flight/localization_thread.hpp"
 #include "flight/mission_map.hpp"
 #include "flight/optional_parts.hpp"
@@ -39,6 +41,7 @@
 #include "service/gps_health.hpp"
 #include "service/mailbox.hpp"
 #include "service/onboard_event.hpp"
+#include "service/position_hints.hpp"
 #include "service/retried_part.hpp"
 #include "service/saved_flight.hpp"
 #include "service/service_machine.hpp"
@@ -143,7 +146,7 @@ class FlightService {
   void publish(OnboardEvent event);  // from any thread
   void on_localized(const LocalizedFrame& frame);
   void on_message(double now_s, const ReceivedMessage& message);
-  void on_command(const ReceivedMessage& received, const CommandInt& command);
+  void on_command(double now_s, const ReceivedMessage& received);
   void record_fix(DueFix due);
 
   // The conductor
@@ -154,6 +157,7 @@ class FlightService {
   void react(double time_s, const LinkRivalSeen& rival);
   void react(double time_s, const ParameterChanged& changed);
   void react(double time_s, const PositionHinted& hint);
+  void react(double time_s, const HintRefused& refused);
   void react(double time_s, const GpsFix3d& fix);
   void react(double time_s, const LocalizedFrame& frame);
   void react(double time_s, const AutopilotHeartbeat& heartbeat);
@@ -165,6 +169,7 @@ class FlightService {
   void assess_gps(double now_s);
   void update_view(double now_s);
   void send_figures(double now_s);
+  void ask_for_hint(double now_s);
   void save(double now_s);
   void report_corrupt_tiles();
   AwaitedParts awaited_parts() const;
@@ -188,10 +193,14 @@ class FlightService {
   OperatorTexts operator_texts_;
   RetriedPart disk_part_{"recorder's disk"};
   LastReports last_;
+  bool armed_ = false;  // by the last authentic heartbeat
+  HintRequest hint_request_;
   ServiceManager manager_;
 
-  LatestMailbox<TimedEvent> events_{512};  // from all threads
-  std::optional<TimedReceiver> receiver_;  // of the link's thread
+  LatestMailbox<TimedEvent> events_{512};               // from all threads
+  std::optional<TimedReceiver> receiver_;               // of the link's thread
+  std::optional<HintIntake> hint_intake_;               // of the link's thread
+  std::atomic<bool> position_known_ = false;            // for the link's thread: a position of ours may be sent
   AutopilotType autopilot_ = AutopilotType::ardupilot;  // of the link's thread: by the last heartbeat
   ThreadWatch watch_;
   LatestMailbox<CapturedFrame> frames_;

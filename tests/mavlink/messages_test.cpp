@@ -127,8 +127,8 @@ TEST(Decode, TelemetryOfPx4) {
   EXPECT_TRUE(filter.horizontal_position_absolute && filter.gps_glitching);
   EXPECT_EQ(filter.horizontal_position_ratio, 0.25);
   EXPECT_TRUE(std::isnan(filter.horizontal_accuracy_m)) << "not an error: PX4 may not know it";
-  const auto origin =
-      as<LocalOrigin>(R"({"message":"GPS_GLOBAL_ORIGIN","latitude":472500000,"longitude":-85000000,"altitude":512300})");
+  const auto origin = as<LocalOrigin>(
+      R"({"message":"GPS_GLOBAL_ORIGIN","latitude":472500000,"longitude":-85000000,"altitude":512300})");
   EXPECT_EQ(origin.place, (LonLat{-8.5, 47.25}));
   EXPECT_DOUBLE_EQ(origin.msl_m, 512.3);
 }
@@ -205,9 +205,9 @@ TEST(Encode, PymavlinkAcceptsEveryMessage) {
       SigningSetup{kAutopilot, {1, 2, 3}, 77}};
   const auto got = read(messages);
   const std::vector<std::string> names{
-      "HEARTBEAT",         "GPS_INPUT",  "GLOBAL_POSITION_SENSOR", "ODOMETRY",    "SET_GPS_GLOBAL_ORIGIN",
-      "NAMED_VALUE_FLOAT", "STATUSTEXT", "COMMAND_LONG",           "COMMAND_INT", "COMMAND_ACK",
-      "PARAM_REQUEST_READ", "PARAM_SET", "SETUP_SIGNING"};
+      "HEARTBEAT",          "GPS_INPUT",  "GLOBAL_POSITION_SENSOR", "ODOMETRY",    "SET_GPS_GLOBAL_ORIGIN",
+      "NAMED_VALUE_FLOAT",  "STATUSTEXT", "COMMAND_LONG",           "COMMAND_INT", "COMMAND_ACK",
+      "PARAM_REQUEST_READ", "PARAM_SET",  "SETUP_SIGNING"};
   ASSERT_EQ(got.size(), std::variant_size_v<OutgoingMessage>);  // a new kind needs a line here
   for (std::size_t i = 0; i < got.size(); ++i) {
     EXPECT_EQ(got[i].value("mavpackettype", "refused"), names[i]) << got[i];
@@ -371,17 +371,29 @@ TEST(Encode, NumbersOutOfRangeAreClamped) {
 
 TEST(Commands, OperatorHint) {
   CommandInt command = external_position_estimate(kSender, {.place = {8.5, 47.25}, .sigma_m = 300});
-  ASSERT_TRUE(position_hint(command));
-  EXPECT_EQ(position_hint(command)->place, (LonLat{8.5, 47.25}));
-  EXPECT_EQ(position_hint(command)->radius_m, 300);
-  command.parameters[2] = std::nanf("");
-  EXPECT_FALSE(position_hint(command));
-  command.parameters[2] = 300;
-  command.place.lat_deg = 91;
-  EXPECT_FALSE(position_hint(command));
-  command.place.lat_deg = 0;
-  command.command = 512;
-  EXPECT_FALSE(position_hint(command));
+  ASSERT_TRUE(is_position_hint(command));
+  const auto hint = std::get<PositionHint>(position_hint(command));
+  EXPECT_EQ(hint.place, (LonLat{8.5, 47.25}));
+  EXPECT_EQ(hint.radius_m, 300);
+  const auto refused = [](const CommandInt& changed) { return std::get<std::string>(position_hint(changed)); };
+  CommandInt other = command;
+  other.parameters[2] = std::nanf("");
+  EXPECT_EQ(refused(other), "no accuracy");
+  other = command;
+  other.parameters[1] = std::nanf("");
+  EXPECT_EQ(refused(other), "no valid age");
+  other.parameters[1] = -1;
+  EXPECT_EQ(refused(other), "no valid age");
+  other = command;
+  other.place.lat_deg = 91;
+  EXPECT_EQ(refused(other), "no valid place");
+  other.place = {std::nan(""), 0};
+  EXPECT_EQ(refused(other), "no valid place");
+  other = command;
+  other.frame = 1;  // MAV_FRAME_LOCAL_NED
+  EXPECT_EQ(refused(other), "its frame is not global");
+  other.command = 512;
+  EXPECT_FALSE(is_position_hint(other));
 }
 
 TEST(Commands, StreamsAreRequestedByMessage) {
