@@ -31,6 +31,7 @@ std::uint32_t message_id(StreamedMessage message) {
   switch (message) {
     case StreamedMessage::system_time: return MAVLINK_MSG_ID_SYSTEM_TIME;
     case StreamedMessage::attitude: return MAVLINK_MSG_ID_ATTITUDE;
+    case StreamedMessage::gimbal_attitude: return MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS;
     case StreamedMessage::global_position: return MAVLINK_MSG_ID_GLOBAL_POSITION_INT;
     case StreamedMessage::gps_raw: return MAVLINK_MSG_ID_GPS_RAW_INT;
     case StreamedMessage::gps2_raw: return MAVLINK_MSG_ID_GPS2_RAW;
@@ -42,6 +43,8 @@ std::uint32_t message_id(StreamedMessage message) {
     case StreamedMessage::estimator_status: return MAVLINK_MSG_ID_ESTIMATOR_STATUS;
     case StreamedMessage::local_origin: return MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN;
     case StreamedMessage::autopilot_version: return MAVLINK_MSG_ID_AUTOPILOT_VERSION;
+    case StreamedMessage::camera_information: return MAVLINK_MSG_ID_CAMERA_INFORMATION;
+    case StreamedMessage::video_streams: return MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION;
     case StreamedMessage::sim_state: return MAVLINK_MSG_ID_SIM_STATE;
   }
   return 0;

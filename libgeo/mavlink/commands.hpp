@@ -13,6 +13,7 @@ namespace nadir {
 enum class StreamedMessage {
   system_time,
   attitude,
+  gimbal_attitude,
   global_position,
   gps_raw,
   gps2_raw,
@@ -24,6 +25,8 @@ enum class StreamedMessage {
   estimator_status,
   local_origin,
   autopilot_version,
+  camera_information,
+  video_streams,
   sim_state,
 };
 
@@ -32,7 +35,7 @@ std::uint32_t message_id(StreamedMessage message);
 // Requests a message at a rate.
 CommandLong set_message_interval(MavlinkAddress target, StreamedMessage message, double rate_hz);
 
-// Requests a message once.
+// Requests a message once. Of video streams: of all of them.
 CommandLong request_message(MavlinkAddress target, StreamedMessage message);
 
 // Reboots the autopilot: only on the ground.

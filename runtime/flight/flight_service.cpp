@@ -83,6 +83,10 @@ FlightService::FlightService(const FlightOptions& options, VerifiedPackage verif
       views_(fmt::format("{:x}", clock.unix_us())),
       manager_(read_service_environment().notify_socket),
       watch_(clock) {
+  if (const auto camera = mavlink_camera(options_.camera)) {
+    stream_finder_ = std::make_unique<VideoStreamFinder>(airframe_.system, *camera, airframe_.camera.camera.width,
+                                                         airframe_.camera.camera.height);
+  }
   const std::filesystem::path folder = verified.folder.empty() ? options.package : verified.folder;
   if (verified.package) map_ = std::make_unique<MissionMap>(std::move(verified.package), folder);
   // After the map: reading a large place index takes seconds of flight.
@@ -148,10 +152,12 @@ void FlightService::make_parts(VerifiedPackage verified) {
 
 // Wrong usage is found before the flight; a camera that is not there yet is waited for.
 std::unique_ptr<CameraSource> FlightService::opened_camera() const {
-  const auto open = [this] {
+  const auto open_source = [this](const std::string& source) {
     const auto& file = options_.camera_credentials;
-    return open_camera(file ? with_credentials(options_.camera, *file) : options_.camera, clock_);
+    return open_camera(file ? with_credentials(source, *file) : source, clock_);
   };
+  if (stream_finder_) return std::make_unique<StreamCamera>(*stream_finder_, open_source);
+  const auto open = [this, open_source] { return open_source(options_.camera); };
   try {
     return open();
   } catch (const UsageError&) {
@@ -248,6 +254,8 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
     }
   } else if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
     telemetry(*attitude);
+  } else if (const auto* gimbal = std::get_if<GimbalAttitude>(&received.message)) {
+    on_gimbal(now_s, received.source, *gimbal);
   } else if (const auto* position = std::get_if<GlobalPosition>(&received.message)) {
     telemetry(*position);
   } else if (const auto* distance = std::get_if<GroundDistance>(&received.message)) {
@@ -267,9 +275,22 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
     if (ours) publish(EkfReport{now_s, ekf->horizontal_position_absolute, ekf->gps_glitching});
   } else if (const auto* estimator = std::get_if<EstimatorStatus>(&received.message)) {
     if (ours) publish(EkfReport{now_s, estimator->horizontal_position_absolute, estimator->gps_glitching});
+  } else if (stream_finder_ && received.source.system == airframe_.system) {
+    stream_finder_->on_message(received.source, received.message);
+    on_command(now_s, received);
   } else {
     on_command(now_s, received);
   }
+}
+
+// On the link's thread. Of the gimbal that carries the camera alone.
+void FlightService::on_gimbal(double now_s, MavlinkAddress source, const GimbalAttitude& attitude) {
+  if (!airframe_.gimbal || source != MavlinkAddress{airframe_.system, airframe_.gimbal->component} ||
+      attitude.device != airframe_.gimbal->device || attitude.faulty) {
+    return;
+  }
+  gimbal_s_ = now_s;
+  if (localization_) localization_->on_message(now_s, attitude);
 }
 
 // On the link's thread.
@@ -319,6 +340,9 @@ FlightEnd FlightService::run() {
     assess_gps(now_s);
     on_transitions(machine_.update(now_s));
     ask_for_hint(now_s);
+    if (stream_finder_ && map_) {
+      for (const CommandLong& request : stream_finder_->requests(now_s)) link_->send(request);
+    }
     if (views.due(now_s)) update_view(now_s);
     if (figures.due(now_s)) send_figures(now_s);
     if (saves.due(now_s)) {
@@ -547,6 +571,13 @@ AwaitedParts FlightService::awaited_parts() const {
                                         package_.rejection);
                    }});
   if (map_) parts.push_back({"camera", camera_here, camera});
+  if (map_ && airframe_.gimbal) {
+    parts.push_back({"gimbal", [this](double now_s) { return now_s - gimbal_s_ < kAwaitedAfter_s; },
+                     [this] {
+                       return fmt::format("the gimbal {}/{}: no GIMBAL_DEVICE_ATTITUDE_STATUS of device {}",
+                                          airframe_.system, airframe_.gimbal->component, airframe_.gimbal->device);
+                     }});
+  }
   parts.push_back({"autopilot", [this](double) { return machine_.status().link_up; }, autopilot});
   return AwaitedParts(std::move(parts));
 }

@@ -34,6 +34,7 @@
 #include "flight/mission_map.hpp"
 #include "flight/optional_parts.hpp"
 #include "flight/upkeep.hpp"
+#include "flight/video_stream_finder.hpp"
 #include "flight/view_builder.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "service/acceptance_record.hpp"
@@ -45,6 +46,7 @@
 #include "service/retried_part.hpp"
 #include "service/saved_flight.hpp"
 #include "service/service_machine.hpp"
+#include "service/service_rules.hpp"
 #include "service/stop_signals.hpp"
 #include "service/watchdog.hpp"
 #include "vision/camera.hpp"
@@ -56,7 +58,7 @@ struct FlightOptions {
   std::filesystem::path package;
   Airframe airframe;
   std::filesystem::path state;                              // folder
-  std::string camera;                                       // open_camera()
+  std::string camera;                                       // open_camera(), or mavlink_camera()
   std::optional<std::filesystem::path> camera_credentials;  // with_credentials()
   std::string autopilot;                                    // parse_endpoint()
   std::vector<StationSetup> stations;                       // besides the autopilot
@@ -146,6 +148,7 @@ class FlightService {
   void publish(OnboardEvent event);  // from any thread
   void on_localized(const LocalizedFrame& frame);
   void on_message(double now_s, const ReceivedMessage& message);
+  void on_gimbal(double now_s, MavlinkAddress source, const GimbalAttitude& attitude);
   void on_command(double now_s, const ReceivedMessage& received);
   void record_fix(DueFix due);
 
@@ -200,10 +203,13 @@ class FlightService {
   LatestMailbox<TimedEvent> events_{512};               // from all threads
   std::optional<TimedReceiver> receiver_;               // of the link's thread
   std::optional<HintIntake> hint_intake_;               // of the link's thread
+  std::atomic<double> gimbal_s_ = -kAwaitedAfter_s;     // when its last attitude came
   std::atomic<bool> position_known_ = false;            // for the link's thread: a position of ours may be sent
   AutopilotType autopilot_ = AutopilotType::ardupilot;  // of the link's thread: by the last heartbeat
   ThreadWatch watch_;
   LatestMailbox<CapturedFrame> frames_;
+
+  std::unique_ptr<VideoStreamFinder> stream_finder_;  // null: the camera's source is named, not found
 
   // A thread uses the parts above its own: they are destroyed from the last one.
   std::unique_ptr<OptionalParts> parts_;

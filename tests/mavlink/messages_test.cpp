@@ -56,6 +56,51 @@ TEST(Decode, SystemTimeWithoutDate) {
   EXPECT_EQ(early.boot_ms, 61000U);
 }
 
+// The flags as ArduPilot, PX4 and gimbals of before the newer flags set them.
+TEST(Decode, GimbalAttitude) {
+  const auto status = [](int flags, const std::string& more = {}) {
+    return R"({"message":"GIMBAL_DEVICE_ATTITUDE_STATUS","time_boot_ms":4000,"q":[0.70710678,0,-0.70710678,0],"flags":)" +
+           std::to_string(flags) + more + "}";
+  };
+  const auto m = as<GimbalAttitude>(status(4 + 8 + 32, R"(,"gimbal_device_id":2)"));
+  EXPECT_EQ(m.boot_ms, 4000U);
+  EXPECT_EQ(m.device, 2);
+  EXPECT_FALSE(m.from_north) << "YAW_IN_VEHICLE_FRAME";
+  EXPECT_FALSE(m.faulty);
+  EXPECT_NEAR(m.level_from_gimbal[0], std::sqrt(0.5), 1e-7);
+  EXPECT_NEAR(m.level_from_gimbal[2], -std::sqrt(0.5), 1e-7);
+  EXPECT_TRUE(as<GimbalAttitude>(status(4 + 8 + 64)).from_north) << "YAW_IN_EARTH_FRAME";
+  EXPECT_FALSE(as<GimbalAttitude>(status(4 + 8 + 16 + 32)).from_north) << "locked, and yet from the heading";
+  EXPECT_TRUE(as<GimbalAttitude>(status(4 + 8 + 16)).from_north) << "YAW_LOCK without the newer flags";
+  EXPECT_FALSE(as<GimbalAttitude>(status(4 + 8)).from_north);
+  EXPECT_FALSE(as<GimbalAttitude>(status(32, R"(,"failure_flags":1)")).faulty) << "at a limit";
+  EXPECT_TRUE(as<GimbalAttitude>(status(32, R"(,"failure_flags":8)")).faulty) << "an encoder";
+  EXPECT_FALSE(decoded(status(32 + 64))) << "of both frames at once";
+  EXPECT_FALSE(decoded(R"({"message":"GIMBAL_DEVICE_ATTITUDE_STATUS","flags":32,"q":[0.5,0,0,0]})")) << "no rotation";
+  EXPECT_FALSE(decoded(R"({"message":"GIMBAL_DEVICE_ATTITUDE_STATUS","flags":32,"q":[NaN,0,0,0]})"));
+}
+
+TEST(Decode, CamerasAndTheirStreams) {
+  const auto camera = as<CameraInformation>(R"({"message":"CAMERA_INFORMATION","vendor_name":[69,120,0)" + [] {
+    std::string zeros;
+    for (int i = 0; i < 29; ++i) zeros += ",0";
+    return zeros;
+  }() + R"(],"flags":257,"focal_length":NaN,"sensor_size_h":NaN,"sensor_size_v":NaN})");
+  EXPECT_EQ(camera.vendor, "Ex");
+  EXPECT_TRUE(camera.has_video_stream);
+  const auto stream = as<VideoStream>(
+      R"({"message":"VIDEO_STREAM_INFORMATION","stream_id":2,"count":3,"type":0,"flags":1,"resolution_h":1280,)"
+      R"("resolution_v":720,"framerate":NaN,"name":"nadir","uri":"rtsp://192.168.1.9:554/nadir"})");
+  EXPECT_EQ(stream.kind, VideoStream::Kind::rtsp);
+  EXPECT_EQ(stream.id, 2);
+  EXPECT_EQ(stream.count, 3);
+  EXPECT_EQ(stream.width, 1280);
+  EXPECT_TRUE(stream.running);
+  EXPECT_EQ(stream.name, "nadir");
+  EXPECT_EQ(stream.uri, "rtsp://192.168.1.9:554/nadir");
+  EXPECT_EQ(as<VideoStream>(R"({"message":"VIDEO_STREAM_INFORMATION","type":77})").kind, VideoStream::Kind::other);
+}
+
 TEST(Decode, Positions) {
   const auto m = as<GlobalPosition>(
       R"({"message":"GLOBAL_POSITION_INT","time_boot_ms":5,"lat":-353621474,"lon":1491651746,"alt":584070,)"
