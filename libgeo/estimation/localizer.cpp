@@ -134,7 +134,8 @@ struct Localizer::Impl {
 
   // The steps of a frame, in order.
   double predict(const Telemetry& plausible);
-  cv::Mat at_one_moment(const cv::Mat& grey) const;
+  cv::Mat at_one_moment(const cv::Mat& as_read);
+  cv::Mat at_one_moment_again(const cv::Mat& as_read, const cv::Mat& grey);
   bool update_with_odometry(const OdometryFrame& seen, OdometryReport& report);
   bool update_over_outlier(const OdometryFrame& seen, OdometryReport& report);
   RelativeMotionMeasurement measured_motion(const OdometryStep& motion, const OdometryFrame& seen) const;
@@ -187,6 +188,7 @@ struct Localizer::Impl {
   std::vector<FlightStep> steps;        // a frame each
   std::optional<TrackBefore> before_now, before_last;  // before the current frame, and before the one before it
   TelemetryState telemetry;
+  Eigen::Vector2d shutter_velocity_mps = Eigen::Vector2d::Zero();  // by which the last frame's shutter was undone
   bool placed;  // the start is known, or an anchor has been accepted since
   TrackingState tracking;
   CourseAmbiguity course;
@@ -218,17 +220,17 @@ FrameReport Localizer::process(const cv::Mat& image, const Telemetry& measured) 
 Localizer::TrackedFrame Localizer::track(const cv::Mat& image, const Telemetry& measured) {
   Impl& s = *impl_;
   TrackedFrame result;
-  cv::Mat grey = grey_of(image);
+  const cv::Mat as_read = grey_of(image);
   // A gimbal may look anywhere: without its attitude an image is no measurement.
   const bool aimed = !s.on_gimbal || (measured.pitch_rad && measured.roll_rad);
-  const bool usable = s.frame_checker->check(grey).usable() && aimed;
+  const bool usable = s.frame_checker->check(as_read).usable() && aimed;
   s.telemetry.tilt_logged = s.telemetry.tilt_logged || measured.pitch_rad.has_value();  // NaN too: other frames have it
 
   s.before_last = std::exchange(s.before_now, std::nullopt);
   if (s.filter) s.before_now.emplace(TrackBefore{*s.filter, s.published.withheld_m, s.matching.last});
   const double seconds = s.predict(plausible_telemetry(measured, s.telemetry.last_time_s.value_or(0)));
   s.belief.propagate(seconds);
-  if (usable) grey = s.at_one_moment(grey);
+  cv::Mat grey = usable ? s.at_one_moment(as_read) : as_read;
   // Two images hardly determine a motion when one may be tilted by 20 degrees.
   FrameLink link{.first = s.steps.size() == 1, .comparable = usable && !s.filter->tilt_missing()};
   link.expected_overlap = s.tracking.expects_overlap(*s.filter, seconds, s.footprint_m());
@@ -238,6 +240,7 @@ Localizer::TrackedFrame Localizer::track(const cv::Mat& image, const Telemetry& 
     link.tracked = s.update_with_odometry(seen, odometry);
     link.over_outlier = !link.tracked && s.update_over_outlier(seen, odometry);
     odometry.tracked = link.tracked || link.over_outlier;
+    grey = s.at_one_moment_again(as_read, grey);
   } else {
     s.odometry->reset();
   }
@@ -321,14 +324,28 @@ double Localizer::Impl::predict(const Telemetry& plausible) {
   return seconds;
 }
 
-cv::Mat Localizer::Impl::at_one_moment(const cv::Mat& grey) const {
-  if (!readout) return grey;
+// With a global shutter it is so already.
+cv::Mat Localizer::Impl::at_one_moment(const cv::Mat& as_read) {
+  if (!readout) return as_read;
   const CameraPose pose = camera_pose(filter->state(), telemetry.reference);
-  return without_rolling_shutter(grey, camera, *readout,
+  shutter_velocity_mps = filter->state().segment<2>(FlightFilter::velocity_east);
+  return without_rolling_shutter(as_read, camera, *readout,
                                  {.attitude = pose.attitude,
                                   .agl_m = pose.agl_m,
-                                  .velocity_mps = filter->state().segment<2>(FlightFilter::velocity_east),
+                                  .velocity_mps = shutter_velocity_mps,
                                   .rate_rad_s = telemetry.last.rate_rad_s.value_or(Eigen::Vector3d::Zero())});
+}
+
+// Odometry may have found that the velocity was another: at the beginning none was known. The frame is then undone
+// anew, for the map and for the next frame's odometry; grey: as it was undone first.
+cv::Mat Localizer::Impl::at_one_moment_again(const cv::Mat& as_read, const cv::Mat& grey) {
+  if (!readout) return grey;
+  const Eigen::Vector2d found_mps = filter->state().segment<2>(FlightFilter::velocity_east);
+  if ((found_mps - shutter_velocity_mps).norm() * readout->duration_s < kShutterRedone_m) return grey;
+  cv::Mat again = at_one_moment(as_read);
+  odometry->reset();
+  odometry->track(odometry_frame(again));
+  return again;
 }
 
 // Without a start: anywhere in the area.

@@ -31,10 +31,13 @@ inline constexpr double kDefaultTiltSigma_rad = 0.05;
 inline constexpr double kDefaultImuSigma_mps = 0.3;  // of the change of velocity, per root second; chosen
 
 // ---- rolling shutter
+
 inline constexpr double kMaxReadout_s = 0.2;     // of all lines; slower than any camera; chosen
-inline constexpr int kShutterNodes_px = 16;      // between pixels that are computed; 0.01 pixels at 60 degrees a second
-inline constexpr int kShutterIterations = 3;     // for the line that shows a point: each one gains a factor of 50
+inline constexpr int kShutterNodes_px = 16;      // between pixels that are computed; chosen
+inline constexpr int kShutterIterations = 3;     // for the line that shows a point; numerical
 inline constexpr double kShutterMinFall = 0.05;  // of a ray: towards the horizon the ground is far away; chosen
+// A frame is undone anew when the way during the readout was another by so much, half a pixel of such cameras; chosen.
+inline constexpr double kShutterRedone_m = 0.1;
 
 // ---- rectification
 

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <opencv2/core.hpp>
@@ -172,7 +173,7 @@ class MavlinkCameraTest : public ::testing::Test {
     transport->advance(0, [](const Transport::Arrival&) {});
     const Script camera({NADIR_PYTHON, MAVLINK_CAMERA, std::to_string(transport->local_port()), theirs, streams});
     std::optional<Signing> signing;
-    SigningTime time(folder_ / "signing-time", clock_.unix_us(), 0);
+    SigningTime time(folder_ / "signing-time", clock_.unix_us(), std::llround(clock_.monotonic_s() * 1e6));
     if (ours != "none") signing.emplace(SigningKey::read(private_file(ours)), time, 1);
     return find_stream(std::move(transport), Airframe{}, std::move(signing), finder_, clock_, limit_s);
   }
