@@ -92,7 +92,8 @@ void NadirdCommand::setup(Options& options) {
   options.flag("--status", status_, "show the status of the running service and exit");
   options.flag("--unsigned-airframe", unsigned_airframe_,
                "for bench tests: run although the airframe file is not signed");
-  options.value("--camera", flight_.camera, "SOURCE", "folder:DIR, video:FILE, v4l2:/dev/video0, rtsp://… or gstreamer:PIPELINE");
+  options.value("--camera", flight_.camera, "SOURCE",
+                "folder:DIR, video:FILE, v4l2:/dev/video0, rtsp://…, gstreamer:PIPELINE or mavlink:COMPONENT");
   options
       .value("--camera-credentials", flight_.camera_credentials, "FILE", "USER:PASSWORD of a network camera, mode 0600")
       .needs("--camera");
@@ -312,24 +313,45 @@ PartCheck NadirdCommand::check_camera_source() const {
   std::optional<CameraModel> camera;
   if (!airframe_file_.empty()) camera = flight_.airframe.camera.camera;
   const auto& secret = flight_.camera_credentials;
-  const auto source = open_camera(secret ? with_credentials(flight_.camera, *secret) : flight_.camera, flight_clock());
+  std::string named = flight_.camera;
+  if (const auto streamed = mavlink_camera(named)) {
+    if (flight_.autopilot.empty()) {
+      throw UsageError(
+          {.what = "a MAVLink camera is asked through the autopilot's link", .expected = "--autopilot URL"});
+    }
+    CheckedLink link = open_link();
+    VideoStreamFinder finder(flight_.airframe.system, *streamed, camera ? camera->width : 0,
+                             camera ? camera->height : 0);
+    if (PartCheck part = find_stream(std::move(link.transport), flight_.airframe, std::move(link.signing), finder,
+                                     flight_clock(), kCameraCheck_s);
+        part.findings.has_errors()) {
+      return part;
+    }
+    named = finder.uri();
+  }
+  const auto source = open_camera(secret ? with_credentials(named, *secret) : named, flight_clock());
   return check_camera(*source, camera, flight_clock(), kCameraCheck_s);
 }
 
 // Timestamps of signatures are never used twice: with a state folder they go on from its file.
-PartCheck NadirdCommand::check_autopilot_link() const {
+NadirdCommand::CheckedLink NadirdCommand::open_link() const {
   const FlightClock& clock = flight_clock();
-  std::optional<StagingDirectory> scratch;
-  std::unique_ptr<SigningTime> time;
-  std::optional<Signing> signing;
+  CheckedLink link;
   if (flight_.link_key) {
-    if (flight_.state.empty()) scratch.emplace(std::filesystem::temp_directory_path() / "nadird-check");
-    const std::filesystem::path folder = scratch ? scratch->path() : flight_.state;
-    time = std::make_unique<SigningTime>(folder / "signing-time", clock.unix_us(),
-                                         std::llround(clock.monotonic_s() * 1e6));
-    signing.emplace(SigningKey::read(*flight_.link_key), *time, flight_.airframe.link);
+    if (flight_.state.empty())
+      link.scratch = std::make_unique<StagingDirectory>(std::filesystem::temp_directory_path() / "nadird-check");
+    const std::filesystem::path folder = link.scratch ? link.scratch->path() : flight_.state;
+    link.time = std::make_unique<SigningTime>(folder / "signing-time", clock.unix_us(),
+                                              std::llround(clock.monotonic_s() * 1e6));
+    link.signing.emplace(SigningKey::read(*flight_.link_key), *link.time, flight_.airframe.link);
   }
-  return check_autopilot(make_transport(parse_endpoint(flight_.autopilot)), flight_.airframe, std::move(signing), clock,
+  link.transport = make_transport(parse_endpoint(flight_.autopilot));
+  return link;
+}
+
+PartCheck NadirdCommand::check_autopilot_link() const {
+  CheckedLink link = open_link();
+  return check_autopilot(std::move(link.transport), flight_.airframe, std::move(link.signing), flight_clock(),
                          kAutopilotCheck_s);
 }
 

@@ -3,11 +3,13 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
 
+#include "base/files.hpp"
 #include "cli/command.hpp"
 #include "flight/flight_service.hpp"
 #include "flight/preflight.hpp"
@@ -52,9 +54,18 @@ class NadirdCommand final : public Command {
                                                      const std::string& boot_id, const std::stop_token& stop);
   VerifiedPackage prepared(Context& context, PackageChoice choice, AcceptanceReading& accepted,
                            const std::string& boot_id, const std::stop_token& stop);
+  // What a check needs of the link; each check has one of its own.
+  struct CheckedLink {
+    std::unique_ptr<StagingDirectory> scratch{};
+    std::unique_ptr<SigningTime> time{};
+    std::optional<Signing> signing{};
+    std::unique_ptr<Transport> transport{};
+  };
+
   int check(Context& context);
   PartCheck check_camera_source() const;
   PartCheck check_autopilot_link() const;
+  CheckedLink open_link() const;
   int serve(Context& context);
   int fly(Context& context);
 

@@ -74,10 +74,12 @@ The plug-in with which nadird reads any camera that GStreamer reads, with
 the times at which its driver stamped the frames.")
 endif()
 
-nadir_package(nadir-candidates SECTION science SUGGESTS "nadir-doc"
+nadir_package(nadir-candidates SECTION science DEPENDS "adduser" SUGGESTS "nadir-doc"
+  SCRIPTS conffiles postinst prerm postrm
   DESCRIPTION "service that promotes map tiles on which flights agree
 Takes tiles that aircraft made in flight, checks them, and promotes those
-on which independent flights agree, as imagery for the next map package.")
+on which independent flights agree, as imagery for the next map package.
+The service is not started before it is configured in /etc/nadir-candidates.")
 
 nadir_package(nadir-doc SECTION doc ALL
   DESCRIPTION "documentation of nadir and nadird

@@ -89,6 +89,23 @@ left=$(comm -13 "$work/files-before" <(listing))
 [[ -z $left ]] || fail "left behind by a purge: $left"
 say "nadird: installed, upgraded, removed, purged; no file is left"
 
+# --- nadir-candidates ---------------------------------------------------------------------------------------------------
+fresh candidates
+apt update
+candidates=$(echo "$packages"/nadir-candidates_*.deb)
+apt install "/packages/${candidates##*/}"
+[[ $(inside stat -c '%U %a' /var/lib/nadir-candidate-service) == "nadir-candidates 750" ]] || fail "no folder for the candidate service"
+inside test ! -e /etc/systemd/system/multi-user.target.wants/nadir-candidates.service || fail "nadir-candidates is enabled without configuration"
+inside runuser -u nadir-candidates -- nadir-candidates token create --tokens /var/lib/nadir-candidate-service/tokens.json --id ground-1 \
+  --out /var/lib/nadir-candidate-service/ground-1.token >/dev/null || fail "its user cannot make a token"
+if command -v systemd-analyze >/dev/null; then
+  judged=$(systemd-analyze security --offline=yes --root="$root" --no-pager --threshold=11 nadir-candidates.service | tail -n 1) || fail "exposure: $judged"
+  say "systemd: $judged"
+fi
+apt purge nadir-candidates
+inside test -e /var/lib/nadir-candidate-service/tokens.json -a ! -e /etc/nadir-candidates || fail "purged: data gone, or configuration left"
+say "nadir-candidates: installed and purged; its data is left"
+
 # --- the images: their own steps, in a fresh system each ----------------------------------------------------------------
 image() { # NAME: the COPY and RUN of cmake/packaging/docker/NAME.Dockerfile
   fresh "image-$1"

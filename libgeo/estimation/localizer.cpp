@@ -15,6 +15,7 @@
 #include "geodesy/web_mercator.hpp"
 #include "package/open_package.hpp"
 #include "vision/matching_plan.hpp"
+#include "vision/rolling_shutter.hpp"
 
 namespace nadir {
 namespace {
@@ -115,6 +116,8 @@ struct Localizer::Impl {
   Impl(const CameraFile& camera_file, const LocalFrame& local_frame, const TileSource* map_tiles,
        std::optional<LonLat> known_start, const LocalizerConfig& localizer_config)
       : camera(camera_file.camera),
+        readout(camera_file.readout),
+        on_gimbal(camera_file.on_gimbal),
         uncertainty(camera_file.uncertainty),
         frame(local_frame),
         tiles(map_tiles),
@@ -131,6 +134,8 @@ struct Localizer::Impl {
 
   // The steps of a frame, in order.
   double predict(const Telemetry& plausible);
+  cv::Mat at_one_moment(const cv::Mat& as_read);
+  cv::Mat at_one_moment_again(const cv::Mat& as_read, const cv::Mat& grey);
   bool update_with_odometry(const OdometryFrame& seen, OdometryReport& report);
   bool update_over_outlier(const OdometryFrame& seen, OdometryReport& report);
   RelativeMotionMeasurement measured_motion(const OdometryStep& motion, const OdometryFrame& seen) const;
@@ -164,6 +169,8 @@ struct Localizer::Impl {
 
   // Fixed for the flight. A job that is out uses these and what it was given, nothing else.
   CameraModel camera;
+  std::optional<SensorReadout> readout;
+  bool on_gimbal;
   TelemetryUncertainty uncertainty;
   LocalFrame frame;
   const TileSource* tiles;
@@ -181,6 +188,7 @@ struct Localizer::Impl {
   std::vector<FlightStep> steps;        // a frame each
   std::optional<TrackBefore> before_now, before_last;  // before the current frame, and before the one before it
   TelemetryState telemetry;
+  Eigen::Vector2d shutter_velocity_mps = Eigen::Vector2d::Zero();  // by which the last frame's shutter was undone
   bool placed;  // the start is known, or an anchor has been accepted since
   TrackingState tracking;
   CourseAmbiguity course;
@@ -212,14 +220,17 @@ FrameReport Localizer::process(const cv::Mat& image, const Telemetry& measured) 
 Localizer::TrackedFrame Localizer::track(const cv::Mat& image, const Telemetry& measured) {
   Impl& s = *impl_;
   TrackedFrame result;
-  const cv::Mat grey = grey_of(image);
-  const bool usable = s.frame_checker->check(grey).usable();
+  const cv::Mat as_read = grey_of(image);
+  // A gimbal may look anywhere: without its attitude an image is no measurement.
+  const bool aimed = !s.on_gimbal || (measured.pitch_rad && measured.roll_rad);
+  const bool usable = s.frame_checker->check(as_read).usable() && aimed;
   s.telemetry.tilt_logged = s.telemetry.tilt_logged || measured.pitch_rad.has_value();  // NaN too: other frames have it
 
   s.before_last = std::exchange(s.before_now, std::nullopt);
   if (s.filter) s.before_now.emplace(TrackBefore{*s.filter, s.published.withheld_m, s.matching.last});
   const double seconds = s.predict(plausible_telemetry(measured, s.telemetry.last_time_s.value_or(0)));
   s.belief.propagate(seconds);
+  cv::Mat grey = usable ? s.at_one_moment(as_read) : as_read;
   // Two images hardly determine a motion when one may be tilted by 20 degrees.
   FrameLink link{.first = s.steps.size() == 1, .comparable = usable && !s.filter->tilt_missing()};
   link.expected_overlap = s.tracking.expects_overlap(*s.filter, seconds, s.footprint_m());
@@ -229,6 +240,7 @@ Localizer::TrackedFrame Localizer::track(const cv::Mat& image, const Telemetry& 
     link.tracked = s.update_with_odometry(seen, odometry);
     link.over_outlier = !link.tracked && s.update_over_outlier(seen, odometry);
     odometry.tracked = link.tracked || link.over_outlier;
+    grey = s.at_one_moment_again(as_read, grey);
   } else {
     s.odometry->reset();
   }
@@ -310,6 +322,30 @@ double Localizer::Impl::predict(const Telemetry& plausible) {
     filter->reset_height(*step.height_reset_sigma);
   }
   return seconds;
+}
+
+// With a global shutter it is so already.
+cv::Mat Localizer::Impl::at_one_moment(const cv::Mat& as_read) {
+  if (!readout) return as_read;
+  const CameraPose pose = camera_pose(filter->state(), telemetry.reference);
+  shutter_velocity_mps = filter->state().segment<2>(FlightFilter::velocity_east);
+  return without_rolling_shutter(as_read, camera, *readout,
+                                 {.attitude = pose.attitude,
+                                  .agl_m = pose.agl_m,
+                                  .velocity_mps = shutter_velocity_mps,
+                                  .rate_rad_s = telemetry.last.rate_rad_s.value_or(Eigen::Vector3d::Zero())});
+}
+
+// Odometry may have found that the velocity was another: at the beginning none was known. The frame is then undone
+// anew, for the map and for the next frame's odometry; grey: as it was undone first.
+cv::Mat Localizer::Impl::at_one_moment_again(const cv::Mat& as_read, const cv::Mat& grey) {
+  if (!readout) return grey;
+  const Eigen::Vector2d found_mps = filter->state().segment<2>(FlightFilter::velocity_east);
+  if ((found_mps - shutter_velocity_mps).norm() * readout->duration_s < kShutterRedone_m) return grey;
+  cv::Mat again = at_one_moment(as_read);
+  odometry->reset();
+  odometry->track(odometry_frame(again));
+  return again;
 }
 
 // Without a start: anywhere in the area.

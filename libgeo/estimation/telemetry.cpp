@@ -35,6 +35,7 @@ Telemetry plausible_telemetry(Telemetry telemetry, double last_time_s) {
   keep(telemetry.heading_rad, -kMaxAngle_rad, kMaxAngle_rad);
   keep(telemetry.pitch_rad, -kMaxAngle_rad, kMaxAngle_rad);
   keep(telemetry.roll_rad, -kMaxAngle_rad, kMaxAngle_rad);
+  if (telemetry.rate_rad_s && !(telemetry.rate_rad_s->norm() <= kMaxRate_rad_s)) telemetry.rate_rad_s.reset();
   if (!std::isfinite(telemetry.time_s)) telemetry.time_s = last_time_s;
   double seconds = telemetry.time_s > last_time_s ? telemetry.time_s - last_time_s : 1;
   if (!telemetry.intervals.empty()) {

@@ -31,6 +31,9 @@ struct Telemetry {
   // gravity removed, rotated by the autopilot's attitude. A caller that skips frames must sum theirs up.
   std::optional<Eigen::Vector2d> imu_dv_mps;
   std::optional<LonLat> gps_position;  // if any; the localizer never uses it
+  // Turn of the camera about image-up, image-right and the optical axis (rolling, pitching, yawing), for a rolling
+  // shutter alone.
+  std::optional<Eigen::Vector3d> rate_rad_s{};
 };
 
 // Implausible values become unknown: NaN, heights below 1 m or above 30 km, absurd angles and accelerations, intervals

@@ -24,7 +24,9 @@ std::optional<double> in_degrees(const std::optional<double>& angle_rad) {
 std::string telemetry_csv(const std::vector<ImportedFrame>& frames) {
   const bool imu = std::any_of(frames.begin(), frames.end(), [](const ImportedFrame& one) { return one.imu_dv_mps; });
   std::string csv = "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg";
-  csv += imu ? ",imu_dv_east_mps,imu_dv_north_mps\n" : "\n";
+  const bool turn = std::any_of(frames.begin(), frames.end(), [](const ImportedFrame& one) { return one.rate_rad_s; });
+  if (imu) csv += ",imu_dv_east_mps,imu_dv_north_mps";
+  csv += turn ? ",roll_rate_deg_s,pitch_rate_deg_s,yaw_rate_deg_s\n" : "\n";
   for (const ImportedFrame& frame : frames) {
     std::optional<double> heading_deg = in_degrees(frame.heading_rad);
     if (heading_deg && *heading_deg < 0) *heading_deg += 360;
@@ -33,6 +35,11 @@ std::string telemetry_csv(const std::vector<ImportedFrame>& frames) {
     if (imu) {
       const auto& dv = frame.imu_dv_mps;
       csv += dv ? fmt::format(",{:.5f},{:.5f}", dv->x(), dv->y()) : std::string(",,");
+    }
+    if (turn) {
+      const auto& rate = frame.rate_rad_s;
+      csv += rate ? fmt::format(",{:.4f},{:.4f},{:.4f}", degrees(rate->x()), degrees(rate->y()), degrees(rate->z()))
+                  : std::string(",,,");
     }
     csv += '\n';
   }

@@ -21,7 +21,8 @@ struct ImportedFrame {
   double time_s = 0;
   std::optional<double> agl_m, heading_rad, pitch_rad, roll_rad;  // as in Telemetry
   std::optional<Eigen::Vector2d> imu_dv_mps;
-  std::optional<LonLat> place;  // truth, when it was asked for
+  std::optional<Eigen::Vector3d> rate_rad_s{};  // as in Telemetry
+  std::optional<LonLat> place;                  // truth, when it was asked for
   std::optional<double> alt_m;
 };
 

@@ -68,6 +68,7 @@ ImportedRecording import_recording(const RecordedFlightSource& source, bool trut
     frame.pitch_rad = telemetry.pitch_rad;
     frame.roll_rad = telemetry.roll_rad;
     frame.imu_dv_mps = whole_velocity_change(telemetry);
+    frame.rate_rad_s = telemetry.rate_rad_s;
     if (truth) frame.place = telemetry.gps_position;
     if (!result.frames.empty()) frame.time_s = std::max(frame.time_s, result.frames.back().time_s + kMinFrameStep_s);
     result.frames.push_back(std::move(frame));
@@ -96,6 +97,11 @@ ImportedRecording import_recording(const RecordedFlightSource& source, bool trut
       camera.distortion[0], camera.distortion[1], camera.distortion[2], camera.distortion[3], camera.distortion[4],
       degrees(file.uncertainty.heading_rad), file.uncertainty.agl_relative, degrees(file.uncertainty.tilt_rad),
       file.uncertainty.imu_dv_mps);
+  if (file.readout) {
+    result.camera_yaml += fmt::format("rolling_shutter: {{row_time_s: {}, direction: {}}}\n", file.line_time_s(),
+                                      name_of(file.readout->direction));
+  }
+  if (file.on_gimbal) result.camera_yaml += "on_gimbal: true\n";
   return result;
 }
 

@@ -2,7 +2,8 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
+#include <string>
+#include <variant>
 
 #include "mavlink/messages.hpp"
 
@@ -12,6 +13,7 @@ namespace nadir {
 enum class StreamedMessage {
   system_time,
   attitude,
+  gimbal_attitude,
   global_position,
   gps_raw,
   gps2_raw,
@@ -23,6 +25,8 @@ enum class StreamedMessage {
   estimator_status,
   local_origin,
   autopilot_version,
+  camera_information,
+  video_streams,
   sim_state,
 };
 
@@ -31,7 +35,7 @@ std::uint32_t message_id(StreamedMessage message);
 // Requests a message at a rate.
 CommandLong set_message_interval(MavlinkAddress target, StreamedMessage message, double rate_hz);
 
-// Requests a message once.
+// Requests a message once. Of video streams: of all of them.
 CommandLong request_message(MavlinkAddress target, StreamedMessage message);
 
 // Reboots the autopilot: only on the ground.
@@ -47,12 +51,18 @@ struct ExternalPosition {
 };
 CommandInt external_position_estimate(MavlinkAddress target, const ExternalPosition& position);
 
-// An operator's approximate position: the same command, sent to us. nullopt: another command, or no valid position.
+// An operator's approximate position: the same command, sent to us.
 struct PositionHint {
   LonLat place{};
-  double radius_m = 0;
+  double radius_m = 0;  // above 0
+  double age_s = 0;     // when it was sent
 };
-std::optional<PositionHint> position_hint(const CommandInt& command);
+bool is_position_hint(const CommandInt& command);
+// The hint, or why it is none: "no valid place".
+std::variant<PositionHint, std::string> position_hint(const CommandInt& command);
+
+// The same command with its place in numbers of single precision (half a metre), and without a frame.
+CommandInt as_command_int(const CommandLong& command);
 
 // MAVLink's rule: our system, and our component or 0, all components of the system.
 bool is_addressed_to(const CommandInt& command, MavlinkAddress station);

@@ -16,6 +16,9 @@ namespace {
 
 using Decoded = std::optional<IncomingMessage>;
 
+constexpr double kMaxQuaternionError = 0.01;  // of its length
+
+static_assert(static_cast<int>(VideoStream::Kind::mpeg_ts) == VIDEO_STREAM_TYPE_MPEG_TS);
 static_assert(static_cast<int>(GpsFix::rtk_fixed) == GPS_FIX_TYPE_RTK_FIXED);
 static_assert(static_cast<int>(TextSeverity::debug) == MAV_SEVERITY_DEBUG);
 static_assert(static_cast<int>(SystemState::emergency) == MAV_STATE_EMERGENCY);
@@ -84,6 +87,26 @@ Decoded from_wire(const mavlink_attitude_t& w) {
   const Vector3 rate{w.rollspeed, w.pitchspeed, w.yawspeed};
   if (!finite(w.roll, w.pitch, w.yaw) || !finite(rate)) return std::nullopt;
   return AircraftAttitude{w.time_boot_ms, w.roll, w.pitch, w.yaw, rate};
+}
+
+// Roll and pitch are those to the horizon, whatever the flags; they say what yaw counts from. Without either of the two
+// newer flags yaw counts from north where it is locked.
+Decoded from_wire(const mavlink_gimbal_device_attitude_status_t& w) {
+  const auto has = [&](unsigned flag) { return (w.flags & flag) != 0; };
+  const bool from_heading = has(GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME);
+  const bool from_north = has(GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME);
+  if (!finite(w.q[0], w.q[1], w.q[2], w.q[3]) || (from_heading && from_north)) return std::nullopt;
+  const std::array<double, 4> q{w.q[0], w.q[1], w.q[2], w.q[3]};
+  const double length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+  if (!(std::abs(length - 1) < kMaxQuaternionError)) return std::nullopt;
+  constexpr std::uint32_t kFaults = GIMBAL_DEVICE_ERROR_FLAGS_ENCODER_ERROR | GIMBAL_DEVICE_ERROR_FLAGS_SOFTWARE_ERROR |
+                                    GIMBAL_DEVICE_ERROR_FLAGS_COMMS_ERROR |
+                                    GIMBAL_DEVICE_ERROR_FLAGS_CALIBRATION_RUNNING;
+  return GimbalAttitude{.boot_ms = w.time_boot_ms,
+                        .device = w.gimbal_device_id,
+                        .level_from_gimbal = {q[0] / length, q[1] / length, q[2] / length, q[3] / length},
+                        .from_north = from_north || (!from_heading && has(GIMBAL_DEVICE_FLAGS_YAW_LOCK)),
+                        .faulty = (w.failure_flags & kFaults) != 0};
 }
 
 Decoded from_wire(const mavlink_global_position_int_t& w) {
@@ -193,6 +216,17 @@ Decoded from_wire(const mavlink_command_int_t& w) {
                     {w.param1, w.param2, w.param3, w.param4}, place_e7(w.x, w.y), w.z};
 }
 
+Decoded from_wire(const mavlink_command_long_t& w) {
+  return CommandLong{{w.target_system, w.target_component},
+                     w.command,
+                     w.confirmation,
+                     {w.param1, w.param2, w.param3, w.param4, w.param5, w.param6, w.param7}};
+}
+
+Decoded from_wire(const mavlink_set_gps_global_origin_t& w) {
+  return SetLocalOrigin{w.target_system, place_e7(w.latitude, w.longitude), w.altitude * 1e-3};
+}
+
 Decoded from_wire(const mavlink_autopilot_version_t& w) {
   AutopilotVersion version{.capabilities = w.capabilities,
                            .flight_software = w.flight_sw_version,
@@ -204,6 +238,27 @@ Decoded from_wire(const mavlink_autopilot_version_t& w) {
   static_assert(sizeof w.uid2 == sizeof version.uid2);
   std::copy(std::begin(w.uid2), std::end(w.uid2), version.uid2.begin());
   return version;
+}
+
+template <std::size_t size>
+std::string text_of(const std::uint8_t (&field)[size]) {
+  return {std::begin(field), std::find(std::begin(field), std::end(field), std::uint8_t{0})};
+}
+
+Decoded from_wire(const mavlink_camera_information_t& w) {
+  return CameraInformation{text_of(w.vendor_name), text_of(w.model_name),
+                           (w.flags & CAMERA_CAP_FLAGS_HAS_VIDEO_STREAM) != 0};
+}
+
+Decoded from_wire(const mavlink_video_stream_information_t& w) {
+  return VideoStream{.kind = limited(w.type, VideoStream::Kind::other),
+                     .id = w.stream_id,
+                     .count = w.count,
+                     .width = w.resolution_h,
+                     .height = w.resolution_v,
+                     .running = (w.flags & VIDEO_STREAM_STATUS_FLAGS_RUNNING) != 0,
+                     .name = text_of(w.name),
+                     .uri = text_of(w.uri)};
 }
 
 Decoded from_wire(const mavlink_sim_state_t& w) {
@@ -465,6 +520,8 @@ std::optional<IncomingMessage> decode(const MavlinkFrame& frame) {
     case MAVLINK_MSG_ID_HEARTBEAT: return unpacked(message, mavlink_msg_heartbeat_decode);
     case MAVLINK_MSG_ID_SYSTEM_TIME: return unpacked(message, mavlink_msg_system_time_decode);
     case MAVLINK_MSG_ID_ATTITUDE: return unpacked(message, mavlink_msg_attitude_decode);
+    case MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS:
+      return unpacked(message, mavlink_msg_gimbal_device_attitude_status_decode);
     case MAVLINK_MSG_ID_GLOBAL_POSITION_INT: return unpacked(message, mavlink_msg_global_position_int_decode);
     case MAVLINK_MSG_ID_GPS_RAW_INT: return unpacked(message, mavlink_msg_gps_raw_int_decode);
     case MAVLINK_MSG_ID_GPS2_RAW: return unpacked(message, mavlink_msg_gps2_raw_decode);
@@ -479,7 +536,11 @@ std::optional<IncomingMessage> decode(const MavlinkFrame& frame) {
     case MAVLINK_MSG_ID_STATUSTEXT: return unpacked(message, mavlink_msg_statustext_decode);
     case MAVLINK_MSG_ID_PARAM_VALUE: return unpacked(message, mavlink_msg_param_value_decode);
     case MAVLINK_MSG_ID_COMMAND_INT: return unpacked(message, mavlink_msg_command_int_decode);
+    case MAVLINK_MSG_ID_COMMAND_LONG: return unpacked(message, mavlink_msg_command_long_decode);
+    case MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN: return unpacked(message, mavlink_msg_set_gps_global_origin_decode);
     case MAVLINK_MSG_ID_AUTOPILOT_VERSION: return unpacked(message, mavlink_msg_autopilot_version_decode);
+    case MAVLINK_MSG_ID_CAMERA_INFORMATION: return unpacked(message, mavlink_msg_camera_information_decode);
+    case MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION: return unpacked(message, mavlink_msg_video_stream_information_decode);
     case MAVLINK_MSG_ID_SIM_STATE: return unpacked(message, mavlink_msg_sim_state_decode);
     default: return OtherMessage{frame.message_id};
   }

@@ -57,6 +57,21 @@ struct CommandInt {
   float z = 0;
 };
 
+// The seven parameters may be NaN ("not used").
+struct CommandLong {
+  MavlinkAddress target{};
+  std::uint16_t command = 0;
+  std::uint8_t confirmation = 0;
+  std::array<float, 7> parameters{};
+};
+
+// SET_GPS_GLOBAL_ORIGIN.
+struct SetLocalOrigin {
+  std::uint8_t target_system = 0;
+  LonLat place{};
+  double msl_m = 0;
+};
+
 // ---- incoming
 
 // The autopilot's software, as its heartbeat names it.
@@ -84,6 +99,17 @@ struct AircraftAttitude {
   double pitch_rad = 0;
   double yaw_rad = 0;
   Vector3 rate_rad_s{};
+};
+
+// GIMBAL_DEVICE_ATTITUDE_STATUS: of a gimbal whose own axes are ahead (where it looks), right and down.
+struct GimbalAttitude {
+  std::uint32_t boot_ms = 0;
+  std::uint8_t device = 0;  // 0: the sender itself; 1 to 6: gimbals that an autopilot speaks for
+  // From the gimbal's axes to level ones: north, east, down; or, not from_north, along the aircraft's heading, to its
+  // right, down. w, x, y, z, of length 1.
+  std::array<double, 4> level_from_gimbal{};
+  bool from_north = false;
+  bool faulty = false;  // it reports a fault that its angles may be wrong by
 };
 
 // The autopilot's own fused position. It contains our own fixes, so that it must never be used as a measurement.
@@ -187,6 +213,26 @@ struct AutopilotVersion {
 // The first version of PX4 with GLOBAL_POSITION_SENSOR and with signed links: 1.18, as flight_software.
 inline constexpr std::uint32_t kPx4GlobalPosition = (1U << 24) | (18U << 16);
 
+// CAMERA_INFORMATION.
+struct CameraInformation {
+  std::string vendor{};
+  std::string model{};
+  bool has_video_stream = false;
+};
+
+// VIDEO_STREAM_INFORMATION. Texts are the sender's, of any bytes.
+struct VideoStream {
+  enum class Kind : std::uint8_t { rtsp, rtp_udp, tcp_mpeg, mpeg_ts, other };
+  Kind kind = Kind::other;
+  int id = 0;     // from 1
+  int count = 0;  // of streams that the camera has
+  int width = 0;  // pixels; 0: unknown
+  int height = 0;
+  bool running = false;
+  std::string name{};
+  std::string uri{};
+};
+
 // Ground truth of a simulator.
 struct SimState {
   double roll_rad = 0;
@@ -204,10 +250,10 @@ struct OtherMessage {
   std::uint32_t id = 0;
 };
 
-using IncomingMessage =
-    std::variant<OtherMessage, Heartbeat, SystemTime, AircraftAttitude, GlobalPosition, GpsRaw, ImuSample, GroundHeight,
-                 GroundDistance, EkfStatus, EstimatorStatus, LocalOrigin, StatusText, ParameterValue, CommandInt,
-                 AutopilotVersion, SimState>;
+using IncomingMessage = std::variant<OtherMessage, Heartbeat, SystemTime, AircraftAttitude, GimbalAttitude,
+                                     GlobalPosition, GpsRaw, ImuSample, GroundHeight, GroundDistance, EkfStatus,
+                                     EstimatorStatus, LocalOrigin, StatusText, ParameterValue, CommandInt, CommandLong,
+                                     SetLocalOrigin, AutopilotVersion, CameraInformation, VideoStream, SimState>;
 
 // ---- outgoing
 
@@ -265,21 +311,6 @@ struct LocalPosition {
   double sigma_m = 0;  // horizontal, one axis
   double vertical_sigma_m = 0;
   std::uint8_t reset_counter = 0;  // another number: the position has jumped
-};
-
-// SET_GPS_GLOBAL_ORIGIN.
-struct SetLocalOrigin {
-  std::uint8_t target_system = 0;
-  LonLat place{};
-  double msl_m = 0;
-};
-
-// The seven parameters may be NaN ("not used").
-struct CommandLong {
-  MavlinkAddress target{};
-  std::uint16_t command = 0;
-  std::uint8_t confirmation = 0;
-  std::array<float, 7> parameters{};
 };
 
 struct CommandAck {

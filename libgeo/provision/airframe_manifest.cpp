@@ -40,6 +40,14 @@ std::string airframe_json(const Airframe& airframe) {
                                            {"component", airframe.component},
                                            {"link", airframe.link},
                                            {"gps_id", airframe.gps_id}}}});
+  if (airframe.camera.readout) {
+    document["camera"]["rolling_shutter"] = {{"row_time_s", airframe.camera.line_time_s()},
+                                             {"direction", name_of(airframe.camera.readout->direction)}};
+  }
+  if (airframe.camera.on_gimbal) document["camera"]["on_gimbal"] = true;
+  if (airframe.gimbal) {
+    document["gimbal"] = {{"component", airframe.gimbal->component}, {"device", airframe.gimbal->device}};
+  }
   for (const AirframeParameter& one : airframe.parameters) {
     document["mavlink"]["parameters"].push_back({{"name", one.name}, {"value", one.value}});
   }

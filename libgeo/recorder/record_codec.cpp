@@ -88,7 +88,10 @@ flatbuffers::Offset<fbs::Camera> camera(FlatBufferBuilder& builder, const Camera
   const CameraModel& c = file.camera;
   const auto distortion = builder.CreateVector(c.distortion.data(), c.distortion.size());
   return fbs::CreateCamera(builder, c.width, c.height, c.fx, c.fy, c.cx, c.cy, distortion, file.uncertainty.heading_rad,
-                           file.uncertainty.agl_relative, file.uncertainty.tilt_rad, file.uncertainty.imu_dv_mps);
+                           file.uncertainty.agl_relative, file.uncertainty.tilt_rad, file.uncertainty.imu_dv_mps,
+                           file.readout ? file.readout->duration_s : 0,
+                           file.readout ? static_cast<std::uint8_t>(file.readout->direction) : std::uint8_t{0},
+                           file.on_gimbal);
 }
 
 CameraFile camera(const fbs::Camera& table) {
@@ -106,6 +109,12 @@ CameraFile camera(const fbs::Camera& table) {
   }
   file.uncertainty = {table.heading_sigma_rad(), table.agl_sigma_relative(), table.tilt_sigma_rad(),
                       table.imu_dv_sigma_mps()};
+  if (table.readout_s() > 0) {
+    constexpr auto kLast = static_cast<std::uint8_t>(SensorReadout::Direction::left);
+    const auto direction = static_cast<SensorReadout::Direction>(std::min(table.readout_direction(), kLast));
+    file.readout = SensorReadout{table.readout_s(), direction};
+  }
+  file.on_gimbal = table.on_gimbal();
   return file;
 }
 
@@ -230,10 +239,13 @@ Bytes encode(const InputRecord& input) {
   const fbs::LonLat at = place(telemetry.gps_position.value_or(LonLat{}));
   const auto dv = velocity_change(telemetry.imu_dv_mps);
   const auto intervals = encode_intervals(builder, telemetry.intervals);
+  const Eigen::Vector3d turn = telemetry.rate_rad_s.value_or(Eigen::Vector3d::Zero());
+  const fbs::TurnRate rate(turn.x(), turn.y(), turn.z());
   return finish(builder, fbs::CreateInput(builder, input.index, frame, telemetry.time_s, optional(telemetry.agl_m),
                                           optional(telemetry.heading_rad), optional(telemetry.pitch_rad),
                                           optional(telemetry.roll_rad), telemetry.gps_position ? &at : nullptr, picture,
-                                          input.picture_bytes, dv ? &*dv : nullptr, intervals));
+                                          input.picture_bytes, dv ? &*dv : nullptr, intervals,
+                                          telemetry.rate_rad_s ? &rate : nullptr));
 }
 
 bool decode(ByteView bytes, InputRecord& input) {
@@ -251,6 +263,9 @@ bool decode(ByteView bytes, InputRecord& input) {
   input.telemetry.gps_position = place(table->place());
   input.telemetry.imu_dv_mps = velocity_change(table->imu_dv());
   input.telemetry.intervals = decode_intervals(table->way());
+  if (const auto* rate = table->rate(); rate != nullptr) {
+    input.telemetry.rate_rad_s = {rate->roll_rad_s(), rate->pitch_rad_s(), rate->yaw_rad_s()};
+  }
   input.picture = *digest;
   input.picture_bytes = table->picture_bytes();
   return true;

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 #include <set>
@@ -99,6 +100,7 @@ namespace {
 struct Columns {
   std::size_t frame, time, agl;
   std::optional<std::size_t> heading, pitch, roll, imu_east, imu_north, lat, lon;
+  std::array<std::optional<std::size_t>, 3> rates;
 };
 
 Columns find_columns(const CsvTable& table) {
@@ -117,6 +119,7 @@ Columns find_columns(const CsvTable& table) {
                       .expected = "both imu_dv_east_mps and imu_dv_north_mps, or none",
                       .found = columns.imu_east ? "only imu_dv_east_mps" : "only imu_dv_north_mps"});
   }
+  columns.rates = {table.column("roll_rate_deg_s"), table.column("pitch_rate_deg_s"), table.column("yaw_rate_deg_s")};
   columns.lat = table.column("lat_deg");
   columns.lon = table.column("lon_deg");
   return columns;
@@ -176,6 +179,10 @@ std::vector<Telemetry> read_telemetry(const CsvTable& table) {
     const auto imu_east = number_within(table, row, columns.imu_east, -200, 200);
     const auto imu_north = number_within(table, row, columns.imu_north, -200, 200);
     if (imu_east && imu_north) telemetry.imu_dv_mps = {*imu_east, *imu_north};
+    const auto rolling = angle_rad(table, row, columns.rates[0], 2000);
+    const auto pitching = angle_rad(table, row, columns.rates[1], 2000);
+    const auto yawing = angle_rad(table, row, columns.rates[2], 2000);
+    if (rolling && pitching && yawing) telemetry.rate_rad_s = {*rolling, *pitching, *yawing};
     const auto lat = number_within(table, row, columns.lat, -90, 90);
     const auto lon = number_within(table, row, columns.lon, -180, 180);
     if (lat && lon) telemetry.gps_position = LonLat{*lon, *lat};

@@ -1,5 +1,6 @@
 #include "simulation/camera_simulation.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <ctime>
@@ -7,6 +8,7 @@
 
 #include "imagery/codecs.hpp"
 #include "simulation/frame_sink.hpp"
+#include "vision/rolling_shutter.hpp"
 
 namespace nadir {
 namespace {
@@ -29,7 +31,7 @@ double ground_height_m(const LiveCameraOptions& options, const WorldExtent& exte
 bool finite(const LivePose& pose) {
   return std::isfinite(pose.place.lon_deg) && std::abs(pose.place.lat_deg) <= 90 && std::isfinite(pose.height_m) &&
          std::isfinite(pose.attitude.heading_rad) && std::isfinite(pose.attitude.pitch_rad) &&
-         std::isfinite(pose.attitude.roll_rad) && pose.velocity_enu_mps.allFinite();
+         std::isfinite(pose.attitude.roll_rad) && pose.velocity_enu_mps.allFinite() && pose.rate_rad_s.allFinite();
 }
 
 }  // namespace
@@ -37,7 +39,11 @@ bool finite(const LivePose& pose) {
 LiveCamera::LiveCamera(const LiveCameraOptions& options) : LiveCamera(options, extent_of_world(options.world)) {}
 
 LiveCamera::LiveCamera(const LiveCameraOptions& options, const WorldExtent& extent)
-    : camera_(read_camera_file(options.camera).camera),
+    : LiveCamera(options, extent, read_camera_file(options.camera)) {}
+
+LiveCamera::LiveCamera(const LiveCameraOptions& options, const WorldExtent& extent, const CameraFile& file)
+    : camera_(file.camera),
+      readout_(file.readout),
       noise_(options.noise),
       box_(extent.box),
       frame_(extent.centre, ground_height_m(options, extent)),
@@ -60,9 +66,20 @@ RenderedFrame LiveCamera::capture(const LivePose& pose, std::uint64_t number) co
   flight.velocity_mps = pose.velocity_enu_mps.head<2>();
   const bool far = flight.agl_m > kFar_m || at.east_m < box_.west_m - kFar_m || at.east_m > box_.east_m + kFar_m ||
                    at.north_m < box_.south_m - kFar_m || at.north_m > box_.north_m + kFar_m;
-  RenderedFrame rendered = far ? grey : renderer_.render(flight.position, flight.attitude);
+  RenderedFrame rendered = far ? grey : render(flight, pose);
   if (noise_ == SensorNoise::real) sensor_.expose(rendered.image, exposure_.of(flight, number), number);
   return rendered;
+}
+
+// Velocity and turn hold during the readout.
+RenderedFrame LiveCamera::render(const FlightPose& flight, const LivePose& pose) const {
+  if (!readout_) return renderer_.render(flight.position, flight.attitude);
+  const Eigen::Matrix3d axes = enu_from_camera(flight.attitude);
+  const Eigen::Vector3d rate_rad_s = camera_frame_rate(pose.rate_rad_s);
+  return renderer_.render(*readout_, [&](double seconds) {
+    const Eigen::AngleAxisd turn(rate_rad_s.norm() * seconds, rate_rad_s.stableNormalized());
+    return CameraPlace{flight.position + pose.velocity_enu_mps * seconds, axes * turn.toRotationMatrix()};
+  });
 }
 
 namespace {

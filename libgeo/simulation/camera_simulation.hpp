@@ -29,6 +29,7 @@ struct LivePose {
   double height_m = 0;  // in the vertical datum of the elevation model
   Attitude attitude{};
   Eigen::Vector3d velocity_enu_mps = Eigen::Vector3d::Zero();
+  Eigen::Vector3d rate_rad_s = Eigen::Vector3d::Zero();  // rolling, pitching, yawing: of the gyroscopes
 };
 
 class PoseSource {
@@ -61,8 +62,11 @@ class LiveCamera {
 
  private:
   LiveCamera(const LiveCameraOptions& options, const WorldExtent& extent);
+  LiveCamera(const LiveCameraOptions& options, const WorldExtent& extent, const CameraFile& file);
+  RenderedFrame render(const FlightPose& flight, const LivePose& pose) const;
 
   CameraModel camera_;
+  std::optional<SensorReadout> readout_;
   SensorNoise noise_;
   PlaneBox box_;
   LocalFrame frame_;

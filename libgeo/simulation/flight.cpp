@@ -8,6 +8,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/random.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
 #include "simulation/camera_sensor.hpp"
@@ -47,6 +48,16 @@ void check_route(const WorldRaster& world, const GroundShape& ground, const std:
                       .found = fmt::format("none at {:.6f}, {:.6f}", place.lon_deg, place.lat_deg),
                       .fix = "use a larger raster, or the mission that belongs to it"});
   }
+}
+
+constexpr double kGyroStep_s = 1e-3;               // of the difference that a rate is
+constexpr double kGyroSigma_rad_s = radians(0.3);  // of the autopilot's gyroscopes
+
+CameraPlace place_of(const FlightPose& pose) { return {pose.position, enu_from_camera(pose.attitude)}; }
+
+// About image-up, image-right and the optical axis.
+Eigen::Vector3d rate_at(const FlightPath& path, double time_s) {
+  return camera_rate(path.at(time_s - kGyroStep_s).attitude, path.at(time_s + kGyroStep_s).attitude, 2 * kGyroStep_s);
 }
 
 std::string telemetry_row(const std::string& name, const MeasuredPose& measured, bool exact) {
@@ -97,6 +108,7 @@ FlightReport simulate_flight(const Mission& mission, const SimulatedFlightOption
   path.interval_s = options.interval_s.value_or(std::max(0.04, std::round(spacing / options.speed_mps * 100) / 100));
   path.max_frames = options.max_frames.value_or(kUsualFrames);
   const std::vector<FlightPose> poses = simulate_flight_path(route, ground, path, options.seed);
+  const FlightPath between(route, ground, path, options.seed);
   check_route(world, ground, poses, frame, options);
 
   const FrameRenderer renderer(camera, world, ground);
@@ -104,14 +116,20 @@ FlightReport simulate_flight(const Mission& mission, const SimulatedFlightOption
   TelemetryNoise noise(file.uncertainty, options.seed);
   const ExposureControl exposure(camera, options.seed);
   std::filesystem::create_directory(folder / "frames");
-  std::string telemetry = "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg,imu_dv_east_mps,imu_dv_north_mps\n",
+  const std::string rates = file.readout ? ",roll_rate_deg_s,pitch_rate_deg_s,yaw_rate_deg_s" : "";
+  Random gyro = Random(options.seed).fork("gyro");
+  std::string telemetry =
+                  "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg,imu_dv_east_mps,imu_dv_north_mps" + rates + "\n",
               truth = "frame,lat_deg,lon_deg,alt_m\n";
   FlightReport report;
   report.interval_s = path.interval_s;
   progress.begin("flying", poses.size(), "frames");
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const FlightPose& pose = poses[i];
-    RenderedFrame rendered = renderer.render(pose.position, pose.attitude);
+    RenderedFrame rendered =
+        file.readout ? renderer.render(*file.readout,
+                                       [&](double seconds) { return place_of(between.at(pose.time_s + seconds)); })
+                     : renderer.render(pose.position, pose.attitude);
     if (rendered.covered_fraction < 0.999) ++report.frames_beyond_world;
     if (options.noise == SensorNoise::real) {
       sensor.expose(rendered.image, exposure.of(pose, i), i);
@@ -124,6 +142,13 @@ FlightReport simulate_flight(const Mission& mission, const SimulatedFlightOption
         exact ? MeasuredPose{pose.time_s, pose.agl_m, pose.attitude, velocity_change(before, pose)}
               : noise.measure(pose);
     telemetry += telemetry_row(name, measured, exact);
+    if (file.readout) {
+      Eigen::Vector3d rate_rad_s = rate_at(between, pose.time_s);
+      for (double& axis : rate_rad_s) axis += exact ? 0 : kGyroSigma_rad_s * gyro.normal();
+      telemetry.pop_back();
+      telemetry += fmt::format(",{:.3f},{:.3f},{:.3f}\n", degrees(rate_rad_s.x()), degrees(rate_rad_s.y()),
+                               degrees(rate_rad_s.z()));
+    }
     const Geodetic at = frame.geodetic_from_enu({pose.position.x(), pose.position.y(), pose.position.z()});
     truth += fmt::format("{},{:.9f},{:.9f},{:.3f}\n", name, at.place.lat_deg, at.place.lon_deg, at.height_m);
     if (i > 0) report.length_m += (pose.position - poses[i - 1].position).head<2>().norm();

@@ -72,61 +72,76 @@ std::vector<double> smoothed(const std::vector<double>& values, int reach) {
 
 }  // namespace
 
-std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const GroundShape& ground,
-                                             const FlightPathOptions& options, std::uint64_t seed) {
+FlightPath::FlightPath(const PlanePath& route, const GroundShape& ground, const FlightPathOptions& options,
+                       std::uint64_t seed)
+    : options_(options),
+      ground_(ground),
+      sway_(hash_of(seed, 71), 5.0),
+      quick_(hash_of(seed, 72), 1.4),
+      climb_(hash_of(seed, 73), 40) {
   const double speed = options.speed_mps;
   const double radius = speed * speed / (kStandardGravity_mps2 * std::tan(kUsualBank_rad));
   const double step = std::max(0.5, speed / 40);
-  const PlanePath line = rounded(route, radius, step);
-  if (line.size() < 2) return {};
-  const std::size_t n = line.size();
-  std::vector<double> arc(n, 0), course(n, 0), curvature(n, 0), terrain(n);
-  for (std::size_t i = 1; i < n; ++i) arc[i] = arc[i - 1] + (line[i] - line[i - 1]).norm();
+  line_ = rounded(route, radius, step);
+  if (line_.size() < 2) return;
+  const std::size_t n = line_.size();
+  arc_.assign(n, 0), course_.assign(n, 0), curvature_.assign(n, 0);
+  std::vector<double> terrain(n);
+  for (std::size_t i = 1; i < n; ++i) arc_[i] = arc_[i - 1] + (line_[i] - line_[i - 1]).norm();
   for (std::size_t i = 0; i + 1 < n; ++i) {
-    const Eigen::Vector2d d = line[i + 1] - line[i];
+    const Eigen::Vector2d d = line_[i + 1] - line_[i];
     const double raw = std::atan2(d.x(), d.y());
-    course[i] = i == 0 ? raw : course[i - 1] + wrap_pi(raw - course[i - 1]);
+    course_[i] = i == 0 ? raw : course_[i - 1] + wrap_pi(raw - course_[i - 1]);
   }
-  course[n - 1] = course[n - 2];
-  // Roll takes time: curvature and course change over about two seconds.
-  course = smoothed(course, static_cast<int>(0.8 * speed / step));
+  course_[n - 1] = course_[n - 2];
+  // Roll takes time: curvature_ and course_ change over about two seconds.
+  course_ = smoothed(course_, static_cast<int>(0.8 * speed / step));
   for (std::size_t i = 1; i + 1 < n; ++i)
-    curvature[i] = (course[i + 1] - course[i - 1]) / std::max(1e-6, arc[i + 1] - arc[i - 1]);
-  curvature = smoothed(curvature, static_cast<int>(0.5 * speed / step));
-  for (std::size_t i = 0; i < n; ++i) terrain[i] = ground.up_m(line[i]);
-  const std::vector<double> smooth_terrain = smoothed(terrain, static_cast<int>(350 / step));
-
+    curvature_[i] = (course_[i + 1] - course_[i - 1]) / std::max(1e-6, arc_[i + 1] - arc_[i - 1]);
+  curvature_ = smoothed(curvature_, static_cast<int>(0.5 * speed / step));
+  for (std::size_t i = 0; i < n; ++i) terrain[i] = ground.up_m(line_[i]);
+  smooth_terrain_ = smoothed(terrain, static_cast<int>(350 / step));
   Random random = Random(seed).fork("path");
-  const double crab = options.calm ? 0 : random.uniform(-0.07, 0.07);
-  const Noise sway(hash_of(seed, 71), 5.0), quick(hash_of(seed, 72), 1.4), climb(hash_of(seed, 73), 40);
+  crab_ = options.calm ? 0 : random.uniform(-0.07, 0.07);
+}
+
+FlightPose FlightPath::at(double time_s) const {
+  const double speed = options_.speed_mps, s = time_s * speed;
   const auto wobble = [&](double t, int axis, double slow_deg, double quick_deg) {
-    if (options.calm) return 0.0;
-    return radians(2.2 * (slow_deg * sway.at(t, 13.7 * axis) + quick_deg * quick.at(t, 7.3 * axis)));
+    if (options_.calm) return 0.0;
+    return radians(2.2 * (slow_deg * sway_.at(t, 13.7 * axis) + quick_deg * quick_.at(t, 7.3 * axis)));
   };
+  const auto after = std::lower_bound(arc_.begin() + 1, arc_.end() - 1, s);
+  const auto i = static_cast<std::size_t>(after - arc_.begin()) - 1;
+  const double t = std::clamp((s - arc_[i]) / std::max(1e-9, arc_[i + 1] - arc_[i]), 0.0, 1.0);
+  const auto between = [&](const std::vector<double>& v) { return std::lerp(v[i], v[i + 1], t); };
+  FlightPose pose;
+  pose.time_s = time_s;
+  const PlanePoint plane = line_[i] + (line_[i + 1] - line_[i]) * t;
+  const double heading = between(course_), rate = between(curvature_) * speed;
+  const double lift = options_.calm ? 0 : 0.012 * options_.agl_m * climb_.at(time_s, 0.5);
+  const double up = between(smooth_terrain_) + options_.agl_m + lift;
+  pose.position = {plane.east_m, plane.north_m, up};
+  pose.agl_m = up - ground_.up_m(plane);
+  pose.pressure_agl_m = options_.agl_m + lift;
+  pose.velocity_mps = Eigen::Vector2d(std::sin(heading), std::cos(heading)) * speed;
+  // Coordinated turn: tan(bank) = v · rate / g, at most 30 degrees.
+  const double bank = std::clamp(std::atan(rate * speed / kStandardGravity_mps2), -radians(30), radians(30));
+  pose.attitude.heading_rad = heading + crab_ + wobble(time_s, 1, 0.9, 0.3);
+  pose.attitude.pitch_rad = (options_.calm ? 0 : radians(1.5)) + wobble(time_s, 2, 1.1, 0.4);
+  pose.attitude.roll_rad = bank + wobble(time_s, 3, 1.4, 0.5);
+  return pose;
+}
+
+std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const GroundShape& ground,
+                                             const FlightPathOptions& options, std::uint64_t seed) {
+  const FlightPath path(route, ground, options, seed);
   std::vector<FlightPose> poses;
-  std::size_t at = 0;
+  if (path.length_m() == 0) return poses;
   for (int k = 0; k < options.max_frames; ++k) {
-    const double time = k * options.interval_s, s = time * speed;
-    if (s > arc.back()) break;
-    while (at + 2 < n && arc[at + 1] < s) ++at;
-    const double t = std::clamp((s - arc[at]) / std::max(1e-9, arc[at + 1] - arc[at]), 0.0, 1.0);
-    const auto between = [&](const std::vector<double>& v) { return std::lerp(v[at], v[at + 1], t); };
-    FlightPose pose;
-    pose.time_s = time;
-    const PlanePoint plane = line[at] + (line[at + 1] - line[at]) * t;
-    const double heading = between(course), rate = between(curvature) * speed;
-    const double lift = options.calm ? 0 : 0.012 * options.agl_m * climb.at(time, 0.5);
-    const double up = between(smooth_terrain) + options.agl_m + lift;
-    pose.position = {plane.east_m, plane.north_m, up};
-    pose.agl_m = up - ground.up_m(plane);
-    pose.pressure_agl_m = options.agl_m + lift;
-    pose.velocity_mps = Eigen::Vector2d(std::sin(heading), std::cos(heading)) * speed;
-    // Coordinated turn: tan(bank) = v · rate / g, at most 30 degrees.
-    const double bank = std::clamp(std::atan(rate * speed / kStandardGravity_mps2), -radians(30), radians(30));
-    pose.attitude.heading_rad = heading + crab + wobble(time, 1, 0.9, 0.3);
-    pose.attitude.pitch_rad = (options.calm ? 0 : radians(1.5)) + wobble(time, 2, 1.1, 0.4);
-    pose.attitude.roll_rad = bank + wobble(time, 3, 1.4, 0.5);
-    poses.push_back(pose);
+    const double time_s = k * options.interval_s;
+    if (time_s * options.speed_mps > path.length_m()) break;
+    poses.push_back(path.at(time_s));
   }
   return poses;
 }

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "geodesy/region.hpp"
+#include "simulation/noise.hpp"
 #include "simulation/world_raster.hpp"
 #include "vision/camera.hpp"
 
@@ -28,6 +29,26 @@ struct FlightPathOptions {
   bool calm = false;  // no attitude motion and no wind: for exact experiments
 };
 
+// The same flight at any moment: what a rolling shutter sees between two frames.
+class FlightPath {
+ public:
+  // ground: must outlive the path.
+  FlightPath(const PlanePath& route, const GroundShape& ground, const FlightPathOptions& options, std::uint64_t seed);
+
+  double length_m() const { return arc_.empty() ? 0 : arc_.back(); }  // 0: there is no route
+  // Of a path that has a length.
+  FlightPose at(double time_s) const;
+
+ private:
+  FlightPathOptions options_;
+  const GroundShape& ground_;
+  PlanePath line_;
+  std::vector<double> arc_, course_, curvature_, smooth_terrain_;
+  double crab_ = 0;
+  Noise sway_, quick_, climb_;
+};
+
+// The poses of its frames.
 std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const GroundShape& ground,
                                              const FlightPathOptions& options, std::uint64_t seed);
 

@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+#include <utility>
+
+#include "vision/rolling_shutter.hpp"
 
 namespace nadir {
 namespace {
@@ -97,6 +100,22 @@ RenderedFrame FrameRenderer::render(const Eigen::Vector3d& position, const Attit
   std::vector<Eigen::Vector3d> points;
   points.reserve(rays_.size());
   for (const Eigen::Vector3d& ray : rays_) points.push_back(intersect_ground(ground_, position, rotation * ray));
+  return resampled(std::move(points));
+}
+
+RenderedFrame FrameRenderer::render(const SensorReadout& readout,
+                                    const std::function<CameraPlace(double seconds)>& at) const {
+  std::vector<Eigen::Vector3d> points;
+  points.reserve(rays_.size());
+  for (std::size_t i = 0; i < rays_.size(); ++i) {
+    const int row = static_cast<int>(i) / nodes_.width, column = static_cast<int>(i) % nodes_.width;
+    const CameraPlace from = at(seconds_after_middle(camera_, readout, {column * kStep, row * kStep}));
+    points.push_back(intersect_ground(ground_, from.position, from.world_from_camera * rays_[i]));
+  }
+  return resampled(std::move(points));
+}
+
+RenderedFrame FrameRenderer::resampled(std::vector<Eigen::Vector3d> points) const {
   world_.raster_from_enu(points);
   cv::Mat_<cv::Vec2f> nodes(nodes_);
   for (int r = 0; r < nodes.rows; ++r) {

@@ -1,5 +1,6 @@
 #include "vision/camera.hpp"
 
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cctype>
@@ -62,6 +63,12 @@ double positive(const YamlNode& node) {
   return value;
 }
 
+bool is_true(const YamlNode& node) {
+  const std::string text = node.text();
+  if (text != "true" && text != "false") node.reject("true or false");
+  return text == "true";
+}
+
 int pixels(const YamlNode& node) {
   const auto value = node.integer();
   if (value < 16 || value > 20000) node.reject("a number of pixels from 16 to 20000");
@@ -100,6 +107,29 @@ TelemetryUncertainty read_uncertainty(const YamlNode& node) {
   uncertainty.tilt_rad = radians(positive(node.required("tilt_deg")));
   if (const auto imu = node.optional("imu_dv_mps")) uncertainty.imu_dv_mps = positive(*imu);
   return uncertainty;
+}
+
+using Direction = SensorReadout::Direction;
+constexpr std::array kDirections{Direction::down, Direction::up, Direction::right, Direction::left};
+
+int lines_of(const CameraModel& camera, Direction direction) {
+  return direction == Direction::down || direction == Direction::up ? camera.height : camera.width;
+}
+
+SensorReadout read_readout(const YamlNode& node, const CameraModel& camera) {
+  node.allow_only({"row_time_s", "direction"});
+  SensorReadout readout;
+  if (const auto direction = node.optional("direction")) {
+    const std::string name = direction->text();
+    const auto* known = std::ranges::find(kDirections, name, [](Direction one) { return name_of(one); });
+    if (known == kDirections.end()) direction->reject("down, up, right or left");
+    readout.direction = *known;
+  }
+  const YamlNode row_time = node.required("row_time_s");
+  readout.duration_s = positive(row_time) * lines_of(camera, readout.direction);
+  if (readout.duration_s > kMaxReadout_s)
+    row_time.reject("seconds from one row to the next, at most 0.2 s for all of them");
+  return readout;
 }
 
 constexpr std::string_view kFormat = "nadir.airframe/1";
@@ -203,6 +233,20 @@ CameraModel CameraModel::scaled(double factor) const {
   return result;
 }
 
+std::string_view name_of(SensorReadout::Direction direction) {
+  switch (direction) {
+    case Direction::down: return "down";
+    case Direction::up: return "up";
+    case Direction::right: return "right";
+    case Direction::left: return "left";
+  }
+  return "down";
+}
+
+double CameraFile::line_time_s() const {
+  return readout ? readout->duration_s / lines_of(camera, readout->direction) : 0;
+}
+
 Eigen::Matrix3d enu_from_camera(const Attitude& attitude) {
   const double ch = std::cos(attitude.heading_rad), sh = std::sin(attitude.heading_rad);
   const double cp = std::cos(attitude.pitch_rad), sp = std::sin(attitude.pitch_rad);
@@ -221,7 +265,8 @@ Eigen::Matrix3d enu_from_camera(const Attitude& attitude) {
 CameraFile read_camera_file(const std::filesystem::path& path) { return read_camera(YamlNode::read(path)); }
 
 CameraFile read_camera(const YamlNode& root) {
-  root.allow_only({"model", "width", "height", "fx", "fy", "cx", "cy", "distortion", "uncertainty"});
+  root.allow_only({"model", "width", "height", "fx", "fy", "cx", "cy", "distortion", "uncertainty", "rolling_shutter",
+                   "on_gimbal"});
   if (root.required("model").text() != "pinhole") root.required("model").reject("the model \"pinhole\"");
   CameraFile file;
   file.camera.width = pixels(root.required("width"));
@@ -235,6 +280,8 @@ CameraFile read_camera(const YamlNode& root) {
     check_invertible(file.camera, *distortion);
   }
   if (const auto uncertainty = root.optional("uncertainty")) file.uncertainty = read_uncertainty(*uncertainty);
+  if (const auto shutter = root.optional("rolling_shutter")) file.readout = read_readout(*shutter, file.camera);
+  if (const auto gimbal = root.optional("on_gimbal")) file.on_gimbal = is_true(*gimbal);
   return file;
 }
 
@@ -244,7 +291,8 @@ Airframe read_airframe(const std::filesystem::path& path) {
 
 Airframe parse_airframe(std::string_view text, std::string_view name) {
   const YamlNode root = YamlNode::parse(text, name);  // JSON is YAML
-  root.allow_only({"format", "airframe", "sequence", "expires", "camera", "mount", "capture_delay_s", "mavlink"});
+  root.allow_only(
+      {"format", "airframe", "sequence", "expires", "camera", "mount", "gimbal", "capture_delay_s", "mavlink"});
   if (root.required("format").text() != kFormat) root.required("format").reject("\"nadir.airframe/1\"");
   Airframe airframe;
   airframe.id = read_id(root.required("airframe"));
@@ -263,6 +311,15 @@ Airframe parse_airframe(std::string_view text, std::string_view name) {
     mount->allow_only({"yaw_deg", "pitch_deg", "roll_deg"});
     airframe.mount = {angle(*mount, "yaw_deg", 360), angle(*mount, "pitch_deg", 45), angle(*mount, "roll_deg", 45)};
   }
+  if (const auto gimbal = root.optional("gimbal")) {
+    gimbal->allow_only({"component", "device"});
+    airframe.gimbal.emplace();
+    if (const auto value = gimbal->optional("component")) airframe.gimbal->component = number_of(*value, 1);
+    if (const auto value = gimbal->optional("device")) airframe.gimbal->device = number_of(*value, 0);
+    airframe.camera.on_gimbal = true;
+  } else if (airframe.camera.on_gimbal) {
+    root.reject("\"gimbal\", whose attitude the camera has: it is on_gimbal");
+  }
   if (const auto delay = root.optional("capture_delay_s")) {
     airframe.capture_delay_s = delay->number();
     if (!(airframe.capture_delay_s >= 0) || airframe.capture_delay_s > kLongestDelay_s) {
@@ -280,6 +337,28 @@ Attitude camera_attitude(const Attitude& aircraft, const Attitude& mount) {
   const Eigen::Matrix3d rotation =
       enu_from_camera(aircraft) * north_body.transpose() * enu_from_camera(mount) * north_body.transpose();
   return attitude_from_rotation(rotation);
+}
+
+Attitude camera_attitude_on_gimbal(const Eigen::Matrix3d& ned_from_gimbal, const Attitude& mount) {
+  Eigen::Matrix3d enu_from_ned, gimbal_from_camera;
+  enu_from_ned << 0, 1, 0, 1, 0, 0, 0, 0, -1;
+  gimbal_from_camera << 0, 0, 1, 1, 0, 0, 0, 1, 0;  // it looks along its x axis, y is right, z down the image
+  const Eigen::Matrix3d north_body = enu_from_camera({});
+  return camera_attitude(
+      attitude_from_rotation(enu_from_ned * ned_from_gimbal * gimbal_from_camera * north_body.transpose()), mount);
+}
+
+Eigen::Vector3d camera_rate(const Eigen::Vector3d& aircraft_rad_s, const Attitude& mount) {
+  const Eigen::Vector3d& a = aircraft_rad_s;
+  const Eigen::Vector3d rate =
+      enu_from_camera(mount).transpose() * enu_from_camera({}) * Eigen::Vector3d(a.y(), -a.x(), a.z());
+  return {-rate.y(), rate.x(), rate.z()};
+}
+
+Eigen::Vector3d camera_rate(const Attitude& before, const Attitude& after, double seconds) {
+  const Eigen::AngleAxisd turn(enu_from_camera(before).transpose() * enu_from_camera(after));
+  const Eigen::Vector3d rate = turn.axis() * (turn.angle() / seconds);
+  return {-rate.y(), rate.x(), rate.z()};
 }
 
 Attitude aircraft_attitude(const Attitude& camera, const Attitude& mount) {

@@ -55,9 +55,25 @@ struct TelemetryUncertainty {
       kDefaultImuSigma_mps;  // of the change of velocity, per root second, biases of up to a minute included
 };
 
+// A sensor that is read line after line (a rolling shutter): its rows, or columns, show different moments. The time of
+// a frame is that of the middle line. rolling_shutter.hpp.
+struct SensorReadout {
+  enum class Direction : std::uint8_t { down, up, right, left };  // over the image; down: the top row first
+
+  double duration_s = 0;  // of all lines
+  Direction direction = Direction::down;
+};
+
+std::string_view name_of(SensorReadout::Direction direction);
+
 struct CameraFile {
   CameraModel camera;
   TelemetryUncertainty uncertainty;
+  std::optional<SensorReadout> readout{};  // none: all lines at once
+  bool on_gimbal = false;                  // it may look anywhere: frames without a measured tilt are not used
+
+  // From one line to the next.
+  double line_time_s() const;
 };
 
 // camera.yaml (docs/formats.md), and the same inside a larger document. Throw UsageError with file, line and column.
@@ -75,6 +91,12 @@ struct Attitude {
 
 // Columns: the camera's x, y, z axes in east-north-up.
 Eigen::Matrix3d enu_from_camera(const Attitude& attitude);
+
+// A gimbal that carries the camera, by its GIMBAL_DEVICE_ATTITUDE_STATUS.
+struct GimbalAddress {
+  std::uint8_t component = 154;  // who sends it; MAV_COMP_ID_GIMBAL
+  std::uint8_t device = 0;       // of several of one sender: 1 to 6 for those that an autopilot speaks for
+};
 
 // The aircraft: its camera, how that is mounted, and its identity on the MAVLink network. airframe.json
 // (docs/formats/airframe.md), written by whoever provisions the aircraft.
@@ -101,6 +123,7 @@ struct Airframe {
   std::optional<std::int64_t> sequence{};
   std::optional<UtcTime> expires{};
   std::vector<AirframeParameter> parameters{};  // compared before take-off
+  std::optional<GimbalAddress> gimbal{};        // then `mount` is the camera's on the gimbal that looks straight down
 };
 
 // Throw UsageError with file, line and column.
@@ -110,5 +133,14 @@ Airframe parse_airframe(std::string_view text, std::string_view name);
 // The camera's attitude when the aircraft has this one, and the inverse.
 Attitude camera_attitude(const Attitude& aircraft, const Attitude& mount);
 Attitude aircraft_attitude(const Attitude& camera, const Attitude& mount);
+
+// The same of a camera on a gimbal. Columns of ned_from_gimbal: the gimbal's axes in north-east-down: ahead (the
+// optical axis), right, down. mount: of the camera, when the gimbal looks straight down.
+Attitude camera_attitude_on_gimbal(const Eigen::Matrix3d& ned_from_gimbal, const Attitude& mount);
+
+// The turn of a camera about image-up, image-right and its optical axis (Telemetry::rate_rad_s): when the aircraft
+// rolls, pitches and yaws so, in its own axes; and from one attitude to another.
+Eigen::Vector3d camera_rate(const Eigen::Vector3d& aircraft_rad_s, const Attitude& mount);
+Eigen::Vector3d camera_rate(const Attitude& before, const Attitude& after, double seconds);
 
 }  // namespace nadir

@@ -30,6 +30,15 @@ inline constexpr double kDefaultAglSigma = 0.05;  // relative
 inline constexpr double kDefaultTiltSigma_rad = 0.05;
 inline constexpr double kDefaultImuSigma_mps = 0.3;  // of the change of velocity, per root second; chosen
 
+// ---- rolling shutter
+
+inline constexpr double kMaxReadout_s = 0.2;     // of all lines; slower than any camera; chosen
+inline constexpr int kShutterNodes_px = 16;      // between pixels that are computed; chosen
+inline constexpr int kShutterIterations = 3;     // for the line that shows a point; numerical
+inline constexpr double kShutterMinFall = 0.05;  // of a ray: towards the horizon the ground is far away; chosen
+// A frame is undone anew when the way during the readout was another by so much, half a pixel of such cameras; chosen.
+inline constexpr double kShutterRedone_m = 0.1;
+
 // ---- rectification
 
 inline constexpr int kRectifyNodeStep_px =
@@ -536,6 +545,7 @@ inline constexpr double kMaxAgl_m = 30'000;            // above the ceiling of a
 inline constexpr double kMaxAngle_rad = 100;           // several turns, for sources that do not wrap; chosen
 inline constexpr double kMaxVelocityChange_mps = 200;  // from flying one way to flying the other
 inline constexpr double kMaxAcceleration_mps2 = 60;    // 6 g: beyond the load limit of such aircraft
+inline constexpr double kMaxRate_rad_s = 20;           // three turns a second; chosen
 
 }  // namespace plausible
 

@@ -15,6 +15,7 @@
 #include "http/access.hpp"
 #include "http/message.hpp"
 #include "map_page/map_page.hpp"
+#include "service/service_rules.hpp"
 
 namespace nadir {
 namespace {
@@ -171,7 +172,11 @@ ApiResponse Api::state() const {
 ApiResponse Api::take_hint(const ApiRequest& request) const {
   const auto parsed = parse_hint(request);
   if (const auto* problem = std::get_if<Problem>(&parsed)) return answer(*problem);
-  if (!hint_is_due()) {
+  const auto allowed = [&] {
+    const std::lock_guard lock(hint_mutex_);
+    return hint_allowance_.take(options_.now_s());
+  };
+  if (!allowed()) {
     ApiResponse refusal =
         answer({.status = 429,
                 .type = "too-many-hints",
@@ -181,17 +186,6 @@ ApiResponse Api::take_hint(const ApiRequest& request) const {
   }
   hints_.put(std::get<Hint>(parsed));
   return json_answer(202, {{"accepted", true}});
-}
-
-// Each hint may cancel a search: a caller in a loop must not prevent the localizer from finishing one.
-bool Api::hint_is_due() const {
-  const std::lock_guard lock(hint_mutex_);
-  const double now_s = options_.now_s();
-  hint_credit_ = std::min<double>(kHintBurst, hint_credit_ + std::max(0.0, now_s - hint_credit_s_) / kHintPeriod_s);
-  hint_credit_s_ = now_s;
-  if (hint_credit_ < 1) return false;
-  hint_credit_ -= 1;
-  return true;
 }
 
 ApiResponse Api::object_location(const ApiRequest& request) const {

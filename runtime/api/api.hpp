@@ -14,7 +14,7 @@
 #include "geodesy/local_frame.hpp"
 #include "http/server.hpp"
 #include "imagery/tile_source.hpp"
-#include "service/service_rules.hpp"
+#include "service/position_hints.hpp"
 #include "vision/ground_surface.hpp"
 
 namespace nadir {
@@ -64,14 +64,13 @@ class Api final : public HttpHandler {
   ApiResponse health() const;
   ApiResponse state() const;
   ApiResponse take_hint(const ApiRequest& request) const;
-  bool hint_is_due() const;
   ApiResponse object_location(const ApiRequest& request) const;
 
   const FlightBoard& board_;
   LatestSlot<Hint>& hints_;
   ApiOptions options_;
   mutable std::mutex hint_mutex_;
-  mutable double hint_credit_ = kHintBurst, hint_credit_s_ = 0;  // hints that may come now, as of that time
+  mutable HintAllowance hint_allowance_;
   mutable std::mutex package_mutex_;
   std::shared_ptr<const ApiPackage> package_ = std::make_shared<const ApiPackage>();
 };

@@ -7,6 +7,7 @@
 #include "geodesy/angles.hpp"
 #include "http/json_body.hpp"
 #include "service/onboard_event.hpp"
+#include "service/service_rules.hpp"
 
 namespace nadir {
 namespace {

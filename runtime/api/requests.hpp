@@ -11,8 +11,6 @@
 
 namespace nadir {
 
-inline constexpr double kMaxHintRadius_m = 100'000;
-
 // An operator's prior for the search: the aircraft is within radius_m of this place. Never taken as truth.
 struct Hint {
   LonLat place;

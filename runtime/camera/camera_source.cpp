@@ -125,10 +125,11 @@ std::unique_ptr<CameraSource> open_camera(const std::string& source, const Fligh
     return std::make_unique<PluginCamera>(find_plugin(plugin, plugins), source, clock);
   }
   if (source.empty() || (source.find(':') != std::string::npos && !fs::is_directory(source))) {
-    throw UsageError({.what = "unknown kind of camera",
-                      .where = "--camera",
-                      .expected = "a folder, video:FILE, v4l2:DEVICE, rtsp://ADDRESS or gstreamer:PIPELINE",
-                      .found = redacted(source)});
+    throw UsageError(
+        {.what = "unknown kind of camera",
+         .where = "--camera",
+         .expected = "a folder, video:FILE, v4l2:DEVICE, rtsp://ADDRESS, gstreamer:PIPELINE or mavlink:COMPONENT",
+         .found = redacted(source)});
   }
   return std::make_unique<FolderCamera>(source, clock, backlog);
 }

@@ -11,6 +11,7 @@ namespace {
 
 constexpr double kHeartbeatPeriod_s = 1, kRequestPeriod_s = 10, kUnauthenticatedPeriod_s = 1, kRivalPeriod_s = 10,
                  kThreadLimit_s = 2;
+constexpr double kGimbalRate_hz = 25;
 constexpr int kMaxWait_ms = 20;
 
 std::int64_t us(double seconds) { return std::llround(seconds * 1e6); }
@@ -177,8 +178,10 @@ void AutopilotLink::send_everywhere(const OutgoingMessage& message, std::int64_t
 void AutopilotLink::advance_stations(double now_s) {
   for (Station& station : stations_) {
     station.link.advance(us(now_s), [&](const ReceivedMessage& message) {
-      if (station.setup.role != StationRole::ground_station || !std::holds_alternative<CommandInt>(message.message))
-        return;
+      const bool command = std::holds_alternative<CommandInt>(message.message) ||
+                           std::holds_alternative<CommandLong>(message.message) ||
+                           std::holds_alternative<SetLocalOrigin>(message.message);
+      if (station.setup.role != StationRole::ground_station || !command) return;
       ++station.commands;
       listener_.on_message(now_s, message);
     });
@@ -265,6 +268,10 @@ void AutopilotLink::request_streams(double now_s, const ReceivedMessage& message
   requested_s_ = now_s;
   for (const auto& [stream, rate_hz] : backend_->streams())
     outgoing_.put(set_message_interval(message.source, stream, rate_hz));
+  if (airframe_.gimbal) {
+    outgoing_.put(set_message_interval({airframe_.system, airframe_.gimbal->component},
+                                       StreamedMessage::gimbal_attitude, kGimbalRate_hz));
+  }
 }
 
 void AutopilotLink::note_message(double now_s, const ReceivedMessage& received) {

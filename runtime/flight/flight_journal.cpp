@@ -92,6 +92,10 @@ void FlightJournal::on(double time_s, const PositionHinted& hint) {
                    hint.place.lon_deg));
 }
 
+void FlightJournal::on(double time_s, const HintRefused& refused) {
+  note(time_s, EventSeverity::warning, "hint", fmt::format("of {} refused: {}", refused.source, refused.reason));
+}
+
 void FlightJournal::on(double time_s, const LinkRivalSeen& rival) {
   note(time_s, EventSeverity::critical, "link",
        fmt::format(

@@ -40,6 +40,7 @@ class FlightJournal {
   void on(double time_s, const LocalizedFrame& frame);
   void on(double time_s, const FixJumped& jumped);
   void on(double time_s, const PositionHinted& hint);
+  void on(double time_s, const HintRefused& refused);
   void on(double time_s, const LinkRivalSeen& rival);
   void on(double time_s, const ParameterChanged& changed);
 

@@ -83,6 +83,10 @@ FlightService::FlightService(const FlightOptions& options, VerifiedPackage verif
       views_(fmt::format("{:x}", clock.unix_us())),
       manager_(read_service_environment().notify_socket),
       watch_(clock) {
+  if (const auto camera = mavlink_camera(options_.camera)) {
+    stream_finder_ = std::make_unique<VideoStreamFinder>(airframe_.system, *camera, airframe_.camera.camera.width,
+                                                         airframe_.camera.camera.height);
+  }
   const std::filesystem::path folder = verified.folder.empty() ? options.package : verified.folder;
   if (verified.package) map_ = std::make_unique<MissionMap>(std::move(verified.package), folder);
   // After the map: reading a large place index takes seconds of flight.
@@ -148,10 +152,12 @@ void FlightService::make_parts(VerifiedPackage verified) {
 
 // Wrong usage is found before the flight; a camera that is not there yet is waited for.
 std::unique_ptr<CameraSource> FlightService::opened_camera() const {
-  const auto open = [this] {
+  const auto open_source = [this](const std::string& source) {
     const auto& file = options_.camera_credentials;
-    return open_camera(file ? with_credentials(options_.camera, *file) : options_.camera, clock_);
+    return open_camera(file ? with_credentials(source, *file) : source, clock_);
   };
+  if (stream_finder_) return std::make_unique<StreamCamera>(*stream_finder_, open_source);
+  const auto open = [this, open_source] { return open_source(options_.camera); };
   try {
     return open();
   } catch (const UsageError&) {
@@ -191,6 +197,9 @@ void FlightService::start_link() {
   listener.on_fix = [this](DueFix due) { record_fix(std::move(due)); };
   listener.on_parameter_changed = [this](const ParameterChanged& changed) { publish(changed); };
   listener.on_rival = [this](std::uint64_t frames) { publish(LinkRivalSeen{frames}); };
+  HintIntake::MapDistance distance_m;
+  if (map_) distance_m = [this](const LonLat& place) { return map_->distance_m(place); };
+  hint_intake_.emplace(MavlinkAddress{airframe_.system, airframe_.component}, std::move(distance_m));
   link_ = std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_, std::move(listener));
   link_->start();  // on_command() uses link_
 }
@@ -245,6 +254,8 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
     }
   } else if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
     telemetry(*attitude);
+  } else if (const auto* gimbal = std::get_if<GimbalAttitude>(&received.message)) {
+    on_gimbal(now_s, received.source, *gimbal);
   } else if (const auto* position = std::get_if<GlobalPosition>(&received.message)) {
     telemetry(*position);
   } else if (const auto* distance = std::get_if<GroundDistance>(&received.message)) {
@@ -264,22 +275,32 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
     if (ours) publish(EkfReport{now_s, ekf->horizontal_position_absolute, ekf->gps_glitching});
   } else if (const auto* estimator = std::get_if<EstimatorStatus>(&received.message)) {
     if (ours) publish(EkfReport{now_s, estimator->horizontal_position_absolute, estimator->gps_glitching});
-  } else if (const auto* command = std::get_if<CommandInt>(&received.message)) {
-    on_command(received, *command);
+  } else if (stream_finder_ && received.source.system == airframe_.system) {
+    stream_finder_->on_message(received.source, received.message);
+    on_command(now_s, received);
+  } else {
+    on_command(now_s, received);
   }
 }
 
-// On the link's thread.
-void FlightService::on_command(const ReceivedMessage& received, const CommandInt& command) {
-  if (!is_addressed_to(command, {airframe_.system, airframe_.component})) return;
-  const auto hint = position_hint(command);
-  if (hint) {
-    publish(PositionHinted{hint->place, hint->radius_m,
-                           fmt::format("operator {}/{}{}", received.source.system, received.source.component,
-                                       received.is_signed ? "" : ", unsigned")});
+// On the link's thread. Of the gimbal that carries the camera alone.
+void FlightService::on_gimbal(double now_s, MavlinkAddress source, const GimbalAttitude& attitude) {
+  if (!airframe_.gimbal || source != MavlinkAddress{airframe_.system, airframe_.gimbal->component} ||
+      attitude.device != airframe_.gimbal->device || attitude.faulty) {
+    return;
   }
-  link_->send(
-      CommandAck{command.command, hint ? CommandResult::accepted : CommandResult::unsupported, received.source});
+  gimbal_s_ = now_s;
+  if (localization_) localization_->on_message(now_s, attitude);
+}
+
+// On the link's thread.
+void FlightService::on_command(double now_s, const ReceivedMessage& received) {
+  const HintIntake::Answer answer = hint_intake_->on_message(now_s, received, position_known_);
+  if (answer.hint) publish(*answer.hint);
+  if (!answer.refusal.empty()) {
+    publish(HintRefused{answer.refusal, fmt::format("{}/{}", received.source.system, received.source.component)});
+  }
+  if (answer.acknowledgement) link_->send(*answer.acknowledgement);
 }
 
 // On the link's thread. The recorder queues the record and never waits.
@@ -318,6 +339,10 @@ FlightEnd FlightService::run() {
     if (const auto hint = parts_->take_hint()) on_event(now_s, PositionHinted{hint->place, hint->radius_m, "API"});
     assess_gps(now_s);
     on_transitions(machine_.update(now_s));
+    ask_for_hint(now_s);
+    if (stream_finder_ && map_) {
+      for (const CommandLong& request : stream_finder_->requests(now_s)) link_->send(request);
+    }
     if (views.due(now_s)) update_view(now_s);
     if (figures.due(now_s)) send_figures(now_s);
     if (saves.due(now_s)) {
@@ -355,6 +380,7 @@ void FlightService::react(double, const LocalizedFrame& frame) { last_.frame = f
 
 // Take-off and landing, as what was accepted needs to know them.
 void FlightService::react(double time_s, const AutopilotHeartbeat& heartbeat) {
+  if (heartbeat.authentication != LinkAuthentication::missing) armed_ = heartbeat.armed;
   if (heartbeat.authentication == LinkAuthentication::missing || !acceptance_.record) return;
   const FlightPhase::Change change = acceptance_.phase.on_heartbeat(time_s, heartbeat.armed);
   if (change == FlightPhase::Change::none) return;
@@ -395,11 +421,16 @@ void FlightService::react(double, const LinkRivalSeen&) {
 
 void FlightService::react(double, const ParameterChanged& changed) {
   if (changed.restored()) return;
-  operator_texts_.add(TextSeverity::critical, fmt::format("Nadir: {} was changed, is {:g}", changed.name, changed.found));
+  operator_texts_.add(TextSeverity::critical,
+                      fmt::format("Nadir: {} was changed, is {:g}", changed.name, changed.found));
 }
 
 void FlightService::react(double, const PositionHinted& hint) {
   if (localization_) localization_->hint(hint.place, hint.radius_m, hint.source);
+}
+
+void FlightService::react(double, const HintRefused& refused) {
+  operator_texts_.add(TextSeverity::warning, "Nadir: hint refused, " + refused.reason);
 }
 
 // A trusted GPS says where to search first; never where we are.
@@ -431,6 +462,7 @@ void FlightService::on_transitions(std::span<const StateTransition> transitions)
     manager_.status(transition.text);
   }
   const ServiceStatus status = machine_.status();
+  position_known_ = status.fix;
   link_->on_status(status);
   if (!status.link_up) return;
   operator_texts_.deliver([this](TextSeverity severity, const std::string& text) { link_->send_text(severity, text); });
@@ -470,6 +502,15 @@ void FlightService::send_figures(double now_s) {
   for (const auto& [name, value] : figures) {
     link_->send(NamedValue{boot_ms, std::string(name), static_cast<float>(value)});
   }
+}
+
+// A trusted GPS hints by itself.
+void FlightService::ask_for_hint(double now_s) {
+  const ServiceStatus status = machine_.status();
+  const bool has_position = !map_ || status.fix || status.gps == GpsVerdict::trusted;
+  if (!hint_request_.due(now_s, armed_, has_position)) return;
+  journal_.note(now_s, EventSeverity::warning, "hint", "no position: the operator is asked for one");
+  operator_texts_.add(TextSeverity::warning, "Nadir: LOST, please set the position on the map");
 }
 
 void FlightService::save(double now_s) {
@@ -517,9 +558,9 @@ AwaitedParts FlightService::awaited_parts() const {
     const AutopilotLink::State link = link_->state();
     const std::string& error = link.error;
     return fmt::format("the autopilot {}/{} at {}: {}", airframe_.system, airframe_.autopilot, options_.autopilot,
-                       !error.empty()      ? error
-                       : !link.supported   ? fmt::format("it is {}, Nadir flies with {}", link.autopilot,
-                                                         supported_autopilots())
+                       !error.empty() ? error
+                       : !link.supported
+                           ? fmt::format("it is {}, Nadir flies with {}", link.autopilot, supported_autopilots())
                        : options_.link_key ? "no heartbeat with a valid signature"
                                            : "no heartbeat");
   };
@@ -530,6 +571,13 @@ AwaitedParts FlightService::awaited_parts() const {
                                         package_.rejection);
                    }});
   if (map_) parts.push_back({"camera", camera_here, camera});
+  if (map_ && airframe_.gimbal) {
+    parts.push_back({"gimbal", [this](double now_s) { return now_s - gimbal_s_ < kAwaitedAfter_s; },
+                     [this] {
+                       return fmt::format("the gimbal {}/{}: no GIMBAL_DEVICE_ATTITUDE_STATUS of device {}",
+                                          airframe_.system, airframe_.gimbal->component, airframe_.gimbal->device);
+                     }});
+  }
   parts.push_back({"autopilot", [this](double) { return machine_.status().link_up; }, autopilot});
   return AwaitedParts(std::move(parts));
 }

@@ -15,6 +15,7 @@
 // GPS; all other threads publish OnboardEvents (service/onboard_event.hpp) and never wait for it.
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -28,10 +29,12 @@
 #include "flight/autopilot_link.hpp"
 #include "flight/camera_feed.hpp"
 #include "flight/flight_journal.hpp"
+#include "flight/hint_intake.hpp"
 #include "flight/localization_thread.hpp"
 #include "flight/mission_map.hpp"
 #include "flight/optional_parts.hpp"
 #include "flight/upkeep.hpp"
+#include "flight/video_stream_finder.hpp"
 #include "flight/view_builder.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "service/acceptance_record.hpp"
@@ -39,9 +42,11 @@
 #include "service/gps_health.hpp"
 #include "service/mailbox.hpp"
 #include "service/onboard_event.hpp"
+#include "service/position_hints.hpp"
 #include "service/retried_part.hpp"
 #include "service/saved_flight.hpp"
 #include "service/service_machine.hpp"
+#include "service/service_rules.hpp"
 #include "service/stop_signals.hpp"
 #include "service/watchdog.hpp"
 #include "vision/camera.hpp"
@@ -53,7 +58,7 @@ struct FlightOptions {
   std::filesystem::path package;
   Airframe airframe;
   std::filesystem::path state;                              // folder
-  std::string camera;                                       // open_camera()
+  std::string camera;                                       // open_camera(), or mavlink_camera()
   std::optional<std::filesystem::path> camera_credentials;  // with_credentials()
   std::string autopilot;                                    // parse_endpoint()
   std::vector<StationSetup> stations;                       // besides the autopilot
@@ -143,7 +148,8 @@ class FlightService {
   void publish(OnboardEvent event);  // from any thread
   void on_localized(const LocalizedFrame& frame);
   void on_message(double now_s, const ReceivedMessage& message);
-  void on_command(const ReceivedMessage& received, const CommandInt& command);
+  void on_gimbal(double now_s, MavlinkAddress source, const GimbalAttitude& attitude);
+  void on_command(double now_s, const ReceivedMessage& received);
   void record_fix(DueFix due);
 
   // The conductor
@@ -154,6 +160,7 @@ class FlightService {
   void react(double time_s, const LinkRivalSeen& rival);
   void react(double time_s, const ParameterChanged& changed);
   void react(double time_s, const PositionHinted& hint);
+  void react(double time_s, const HintRefused& refused);
   void react(double time_s, const GpsFix3d& fix);
   void react(double time_s, const LocalizedFrame& frame);
   void react(double time_s, const AutopilotHeartbeat& heartbeat);
@@ -165,6 +172,7 @@ class FlightService {
   void assess_gps(double now_s);
   void update_view(double now_s);
   void send_figures(double now_s);
+  void ask_for_hint(double now_s);
   void save(double now_s);
   void report_corrupt_tiles();
   AwaitedParts awaited_parts() const;
@@ -188,13 +196,20 @@ class FlightService {
   OperatorTexts operator_texts_;
   RetriedPart disk_part_{"recorder's disk"};
   LastReports last_;
+  bool armed_ = false;  // by the last authentic heartbeat
+  HintRequest hint_request_;
   ServiceManager manager_;
 
-  LatestMailbox<TimedEvent> events_{512};  // from all threads
-  std::optional<TimedReceiver> receiver_;  // of the link's thread
+  LatestMailbox<TimedEvent> events_{512};               // from all threads
+  std::optional<TimedReceiver> receiver_;               // of the link's thread
+  std::optional<HintIntake> hint_intake_;               // of the link's thread
+  std::atomic<double> gimbal_s_ = -kAwaitedAfter_s;     // when its last attitude came
+  std::atomic<bool> position_known_ = false;            // for the link's thread: a position of ours may be sent
   AutopilotType autopilot_ = AutopilotType::ardupilot;  // of the link's thread: by the last heartbeat
   ThreadWatch watch_;
   LatestMailbox<CapturedFrame> frames_;
+
+  std::unique_ptr<VideoStreamFinder> stream_finder_;  // null: the camera's source is named, not found
 
   // A thread uses the parts above its own: they are destroyed from the last one.
   std::unique_ptr<OptionalParts> parts_;

@@ -34,7 +34,7 @@ LocalizationThread::LocalizationThread(const LocalizationSetup& setup, LatestMai
       decoded_(setup.camera.camera.scaled(1.0 / shrink_)),
       frames_(frames),
       listener_(std::move(listener)),
-      telemetry_(setup.mount),
+      telemetry_(setup.mount, {.gimbal = setup.camera.on_gimbal, .turn_rate = setup.camera.readout.has_value()}),
       localizer_(shrunk(setup.camera, shrink_), setup.frame, setup.tiles, setup.start, setup.config),
       tracker_beat_(watch.watch("localizer", kTrackerLimit_s)),
       matcher_beat_(watch.watch("map", kMatcherLimit_s)),

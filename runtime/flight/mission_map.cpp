@@ -1,5 +1,8 @@
 #include "flight/mission_map.hpp"
 
+#include <algorithm>
+#include <cmath>
+
 #include "estimation/localizer.hpp"
 
 namespace nadir {
@@ -15,6 +18,16 @@ MissionMap::MissionMap(std::unique_ptr<OpenPackage> package, const std::filesyst
 }
 
 double MissionMap::plane_msl_m() const { return package_->mission().terrain.height_m; }
+
+// In space: the plane of the frame folds the far side of the earth over the near one.
+double MissionMap::distance_m(const LonLat& place) const {
+  const PlaneBox area = required_region(package_->mission(), *frame_).bounds();
+  const PlanePoint at = frame_->plane_from_lonlat(place);
+  const LonLat nearest = frame_->lonlat_from_plane(
+      {std::clamp(at.east_m, area.west_m, area.east_m), std::clamp(at.north_m, area.south_m, area.north_m)});
+  const Enu apart = LocalFrame(nearest).enu_from_geodetic({place, 0});
+  return std::hypot(apart.east_m, apart.north_m, apart.up_m);
+}
 
 std::optional<double> MissionMap::ground_msl_m(const LonLat& place) const {
   if (!surface_) return std::nullopt;

@@ -26,6 +26,7 @@ class MissionMap {
   LocalizerConfig config() const;  // points into this
   const IntegrityRequirement& integrity() const { return package_->mission().integrity; }
   double plane_msl_m() const;                                     // reference of the surface's heights
+  double distance_m(const LonLat& place) const;                   // to the area where the flight can be; 0 within it
   std::optional<double> ground_msl_m(const LonLat& place) const;  // nullopt: flat ground
 
   ApiPackage for_api() const { return package_for_api(package_); }

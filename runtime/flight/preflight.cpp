@@ -8,8 +8,8 @@
 #include <set>
 
 #include "cli/terminal.hpp"
-#include "imagery/frame_image.hpp"
 #include "fixes/autopilot_backend.hpp"
+#include "imagery/frame_image.hpp"
 #include "mavlink/link.hpp"
 
 namespace nadir {
@@ -78,6 +78,35 @@ PartCheck check_camera(CameraSource& source, const std::optional<CameraModel>& c
                       .expected = fmt::format("a frame within {:.0f} s", limit_s),
                       .found = failure,
                       .fix = "start the camera, and check --camera"});
+  return check;
+}
+
+PartCheck find_stream(std::unique_ptr<Transport> transport, const Airframe& airframe, std::optional<Signing> signing,
+                      VideoStreamFinder& finder, const FlightClock& clock, double limit_s) {
+  MavlinkLink link(std::move(transport), {airframe.system, airframe.component}, std::move(signing),
+                   MavlinkAddress{airframe.system, airframe.autopilot});
+  const double start_s = clock.monotonic_s();
+  const auto us = [](double seconds) { return std::llround(seconds * 1e6); };
+  Cadence hello(kHelloPeriod_s, start_s);
+  std::string missing;
+  for (double now_s = start_s; now_s - start_s < limit_s && !interrupt_requested(); now_s = clock.monotonic_s()) {
+    link.advance(us(now_s), [&](const ReceivedMessage& got) { finder.on_message(got.source, got.message); });
+    if (hello.due(now_s)) link.send(OwnHeartbeat{SystemState::standby}, us(now_s));
+    for (const CommandLong& request : finder.requests(now_s)) link.send(request, us(now_s));
+    try {
+      return {finder.uri(), {}};
+    } catch (const Error& error) {
+      missing = error.what();
+    }
+    pollfd waited{link.transport().descriptor(), link.transport().events(), 0};
+    ::poll(&waited, 1, static_cast<int>(kLook.count()));
+  }
+  PartCheck check{missing, {}};
+  check.findings.add({.code = "camera.no_stream",
+                      .where = "--camera",
+                      .expected = fmt::format("a video stream of the MAVLink camera within {:.0f} s", limit_s),
+                      .found = missing,
+                      .fix = "check the camera's component id, and that the autopilot passes its messages on"});
   return check;
 }
 

@@ -7,6 +7,7 @@
 
 #include "base/error.hpp"
 #include "camera/camera_source.hpp"
+#include "flight/video_stream_finder.hpp"
 #include "mavlink/signing.hpp"
 #include "mavlink/transport.hpp"
 #include "service/clock.hpp"
@@ -23,6 +24,10 @@ struct PartCheck {
 // Findings: camera.no_frame, camera.size.
 PartCheck check_camera(CameraSource& source, const std::optional<CameraModel>& camera, const FlightClock& clock,
                        double limit_s);
+
+// Asks a MAVLink camera for its video stream, at most for limit_s. Findings: camera.no_stream.
+PartCheck find_stream(std::unique_ptr<Transport> transport, const Airframe& airframe, std::optional<Signing> signing,
+                      VideoStreamFinder& finder, const FlightClock& clock, double limit_s);
 
 // Waits at most limit_s for a heartbeat of the airframe's autopilot; sends a heartbeat each second, because a peer of
 // udpout does not know our address before. signing: nullopt: the link is not signed. Findings: autopilot.silent.

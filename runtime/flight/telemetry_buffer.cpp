@@ -44,7 +44,15 @@ std::optional<double> nearest(const std::deque<T>& queue, double time_s) {
 }  // namespace
 
 void TelemetryBuffer::on_message(double time_s, const AircraftAttitude& attitude) {
-  keep(attitudes_, TimedAttitude{time_s, {attitude.yaw_rad, attitude.pitch_rad, attitude.roll_rad}});
+  const Vector3& rate = attitude.rate_rad_s;
+  keep(attitudes_,
+       TimedAttitude{time_s, {attitude.yaw_rad, attitude.pitch_rad, attitude.roll_rad}, {rate.x, rate.y, rate.z}});
+}
+
+void TelemetryBuffer::on_message(double time_s, const GimbalAttitude& gimbal) {
+  if (gimbal.faulty) return;
+  const auto& q = gimbal.level_from_gimbal;
+  keep(gimbals_, TimedGimbal{time_s, Eigen::Quaterniond(q[0], q[1], q[2], q[3]), gimbal.from_north});
 }
 
 void TelemetryBuffer::on_message(double time_s, const GlobalPosition& position) {
@@ -129,7 +137,49 @@ std::optional<Eigen::Vector2d> TelemetryBuffer::velocity_change(double from_s, d
   return sum;
 }
 
+// Its yaw from the aircraft's heading goes with the heading of the same moment.
+std::optional<Attitude> TelemetryBuffer::camera_on_gimbal_at(double time_s) const {
+  const auto after = at_or_after(gimbals_, time_s);
+  std::optional<TimedGimbal> now;
+  if (after == gimbals_.end()) {
+    if (gimbals_.empty() || time_s - gimbals_.back().time_s > kGimbalHeld_s) return std::nullopt;
+    now = gimbals_.back();
+  } else if (after->time_s == time_s) {
+    now = *after;
+  } else {
+    if (after == gimbals_.begin()) return std::nullopt;
+    const TimedGimbal& before = *std::prev(after);
+    const double gap_s = after->time_s - before.time_s;
+    if (gap_s > kGimbalGap_s || before.from_north != after->from_north) return std::nullopt;
+    now = *after;
+    now->level_from_gimbal = before.level_from_gimbal.slerp((time_s - before.time_s) / gap_s, after->level_from_gimbal);
+  }
+  Eigen::Matrix3d ned_from_gimbal = now->level_from_gimbal.toRotationMatrix();
+  if (!now->from_north) {
+    const auto aircraft = aircraft_at(time_s);
+    if (!aircraft) return std::nullopt;
+    ned_from_gimbal = Eigen::AngleAxisd(aircraft->heading_rad, Eigen::Vector3d::UnitZ()) * ned_from_gimbal;
+  }
+  return camera_attitude_on_gimbal(ned_from_gimbal, mount_);
+}
+
+std::optional<Eigen::Vector3d> TelemetryBuffer::camera_rate_at(double time_s) const {
+  if (needs_.gimbal) {
+    const auto before = camera_at(time_s - kRateStep_s), after = camera_at(time_s + kRateStep_s);
+    if (!before || !after) return std::nullopt;
+    return camera_rate(*before, *after, 2 * kRateStep_s);
+  }
+  const auto after = at_or_after(attitudes_, time_s);
+  if (!aircraft_at(time_s)) return std::nullopt;
+  if (after == attitudes_.end()) return camera_rate(attitudes_.back().rate_rad_s, mount_);
+  if (after == attitudes_.begin()) return camera_rate(after->rate_rad_s, mount_);
+  const TimedAttitude& before = *std::prev(after);
+  const double t = (time_s - before.time_s) / (after->time_s - before.time_s);
+  return camera_rate(before.rate_rad_s + t * (after->rate_rad_s - before.rate_rad_s), mount_);
+}
+
 std::optional<Attitude> TelemetryBuffer::camera_at(double time_s) const {
+  if (needs_.gimbal) return camera_on_gimbal_at(time_s);
   const auto aircraft = aircraft_at(time_s);
   if (!aircraft) return std::nullopt;
   return camera_attitude(*aircraft, mount_);
@@ -144,7 +194,8 @@ std::vector<TelemetryInterval> TelemetryBuffer::path(double from_s, double to_s)
   for (int i = kept_from_s > from_s ? 0 : 1; i < intervals; ++i) {
     const double end_s = interpolate(kept_from_s, to_s, static_cast<double>(i) / intervals);
     TelemetryInterval interval{end_s - begin_s, std::nullopt, velocity_change(begin_s, end_s)};
-    if (const auto camera = camera_at(end_s)) interval.heading_rad = camera->heading_rad;
+    const auto camera = camera_at(end_s);
+    if (camera && (!needs_.gimbal || interval.imu_dv_mps)) interval.heading_rad = camera->heading_rad;
     path.push_back(interval);
     begin_s = end_s;
   }
@@ -166,7 +217,9 @@ Telemetry TelemetryBuffer::at(double time_s) {
     double from_s = *last_time_s_;
     for (const TelemetryInterval& interval : telemetry.intervals) from_s += interval.seconds;
     telemetry.imu_dv_mps = velocity_change(from_s, time_s);
+    if (needs_.gimbal && !telemetry.imu_dv_mps) telemetry.heading_rad.reset();
   }
+  if (needs_.turn_rate) telemetry.rate_rad_s = camera_rate_at(time_s);
   last_time_s_ = time_s;
   telemetry.gps_position = place_at(time_s);
   return telemetry;

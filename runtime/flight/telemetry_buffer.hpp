@@ -6,6 +6,7 @@
 // it.
 #pragma once
 
+#include <Eigen/Geometry>
 #include <deque>
 #include <optional>
 
@@ -22,11 +23,21 @@ inline constexpr double kHeightGap_s = 2;
 inline constexpr double kImuGap_s = 0.15;
 inline constexpr double kPlaceGap_s = 1;  // between two fixes of the receiver
 
+inline constexpr double kGimbalGap_s = 0.5;   // between the gimbal's messages around a frame
+inline constexpr double kGimbalHeld_s = 0.1;  // from its last one to the frame: a gimbal moves fast
+inline constexpr double kRateStep_s = 0.02;   // half of the time over which a gimbal's turn is measured
+
+struct TelemetryNeeds {
+  bool gimbal = false;     // the camera's attitude is that of a gimbal
+  bool turn_rate = false;  // of the camera
+};
+
 class TelemetryBuffer {
  public:
-  explicit TelemetryBuffer(const Attitude& mount) : mount_(mount) {}
+  explicit TelemetryBuffer(const Attitude& mount, TelemetryNeeds needs = {}) : mount_(mount), needs_(needs) {}
 
   void on_message(double time_s, const AircraftAttitude& attitude);
+  void on_message(double time_s, const GimbalAttitude& gimbal);
   void on_message(double time_s, const GlobalPosition& position);  // its heights alone
   void on_message(double time_s, const GroundDistance& distance);
   void on_message(double time_s, const GroundHeight& height);
@@ -39,12 +50,19 @@ class TelemetryBuffer {
 
   // The telemetry at time_s; unknown values are empty. Height above ground: of a range finder, else of the autopilot's
   // terrain, else none (with a terrain model use msl_m). Path and velocity change are those since the previous call.
+  // On a gimbal, where velocity changes are unknown, headings are too: the aircraft does not turn with its camera.
   Telemetry at(double time_s);
 
  private:
   struct TimedAttitude {
     double time_s;
     Attitude aircraft;
+    Eigen::Vector3d rate_rad_s;  // in its own axes
+  };
+  struct TimedGimbal {
+    double time_s;
+    Eigen::Quaterniond level_from_gimbal;
+    bool from_north;
   };
   struct Height {
     double time_s, value_m;
@@ -61,11 +79,15 @@ class TelemetryBuffer {
   std::optional<Attitude> aircraft_at(double time_s) const;
   std::optional<LonLat> place_at(double time_s) const;
   std::optional<Attitude> camera_at(double time_s) const;
+  std::optional<Attitude> camera_on_gimbal_at(double time_s) const;
+  std::optional<Eigen::Vector3d> camera_rate_at(double time_s) const;
   std::vector<TelemetryInterval> path(double from_s, double to_s) const;
   std::optional<Eigen::Vector2d> velocity_change(double from_s, double to_s) const;
 
   Attitude mount_;
+  TelemetryNeeds needs_;
   std::deque<TimedAttitude> attitudes_;
+  std::deque<TimedGimbal> gimbals_;
   std::deque<Height> home_heights_, msl_heights_, ranges_, terrain_heights_;
   std::deque<TimedAcceleration> accelerations_;
   std::deque<TimedPlace> places_;

@@ -92,6 +92,12 @@ struct PositionHinted {
   std::string source;  // "API", "GPS", "restart", "operator 255/190" (system and component of the sender)
 };
 
+// A hint of a ground station that is not taken.
+struct HintRefused {
+  std::string reason;  // "outside the map"
+  std::string source;
+};
+
 // The next fix lies so far from the last one: too far to be smoothed.
 struct FixJumped {
   double distance_m = 0;
@@ -153,8 +159,8 @@ struct StateTransition {
 
 using OnboardEvent =
     std::variant<PackageVerified, PackageRestored, EstimateRestored, PartReported, AutopilotHeartbeat, LinkRivalSeen,
-                 ParameterChanged, GpsFix3d, EkfReport, PositionHinted, FixJumped, FrameReceived, CameraFailed, LocalizedFrame,
-                 MatchFailed, TileCorrupt, GpsAssessment, StateTransition>;
+                 ParameterChanged, GpsFix3d, EkfReport, PositionHinted, HintRefused, FixJumped, FrameReceived,
+                 CameraFailed, LocalizedFrame, MatchFailed, TileCorrupt, GpsAssessment, StateTransition>;
 
 struct TimedEvent {
   double time_s = 0;  // monotonic, when it was published

@@ -44,10 +44,17 @@ inline constexpr double kHealthPeriod_s = 5;   // of the measures of the machine
 inline constexpr double kAwaitedAfter_s = 5;   // without a frame or the autopilot: it is waited for
 inline constexpr double kAwaitedAgain_s = 60;  // between two lines of the log about what is waited for
 
-// ---- lists of events, and hints through the API [design]
+// ---- lists of events [design]
 inline constexpr double kRepeatWindow_s = 300;  // an event of the same wording is one line, with a count
-inline constexpr double kHintPeriod_s = 2;      // hints through the API on average
-inline constexpr int kHintBurst = 3;            // at once, after a pause
+
+// ---- position hints of people (position_hints.hpp) [design]
+inline constexpr double kHintPeriod_s = 2;           // on average, through the API and from ground stations each
+inline constexpr int kHintBurst = 3;                 // at once, after a pause
+inline constexpr double kMaxHintRadius_m = 100'000;  // a larger one says nothing
+inline constexpr double kMaxHintAge_s = 60;          // of the place that a ground station states
+inline constexpr double kOriginHintRadius_m = 500;   // of an origin, which states no accuracy
+inline constexpr double kAskForHint_s = 15;       // armed, and without any position for so long: the operator is asked
+inline constexpr double kAskForHintAgain_s = 60;  // and again
 
 // ---- GPS: denied or spoofed (gps_health.hpp)
 inline constexpr double kGpsSilent_s = 1.5;          // no message [design]

@@ -6,6 +6,7 @@
 
 #include "api/api_fixture.hpp"
 #include "base/error.hpp"
+#include "service/service_rules.hpp"
 
 namespace nadir {
 namespace {

@@ -29,6 +29,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   navigability  where a flight would anchor, predicted and flown, over simulated worlds (ten minutes; --seeds FIRST LAST, --fit)
   turns         how far off what odometry says of a turn is (two minutes)
   consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
+  shutter       flights by a rolling shutter, undone and ignored (three minutes; --seeds N, --readout-ms MS, --speed-mps V)
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres
   desk          stored flights and the desk: creating one, a batch of pictures, a frame, its event, an object's place, resuming (two minutes)
   segments      floating segments placed as wholes: right, wrongly, how far off; with the land on the map and without (SEEDS [FIRST [ROWS]]; 20 minutes)
@@ -105,6 +106,7 @@ part() {
     flights)      one_program bench_flights && build/bin/bench_flights "$@" ;;
     consistency)  one_program bench_consistency && build/bin/bench_consistency "$@" ;;
     turns)        one_program bench_turns && build/bin/bench_turns "$@" ;;
+    shutter)      one_program nadir && python3 -B "$here/shutter.py" "$@" ;;
     smoothing)    one_program bench_smoothing && build/bin/bench_smoothing "$@" ;;
     desk)         one_program bench_desk && desk "$@" ;;
     segments)     one_program bench_segments && build/bin/bench_segments "$@" ;;
@@ -125,6 +127,7 @@ part() {
     looks)        one_program bench_looks && build/bin/bench_looks "$@" ;;
     integrity)    one_program bench_integrity && build/bin/bench_integrity "$@" ;;
     fit-likelihood) one_program bench_fit_likelihood && build/bin/bench_fit_likelihood "$@" ;;
+    *) usage >&2; exit 2 ;;
   esac
 }
 
@@ -134,8 +137,7 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: build, suite, patch, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, adjusted, adjustment, survey, desk, segments, large-flight, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
-  build | suite | package | validators | patch | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjusted | adjustment | survey | desk | segments | large-flight | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
+    echo "NOT RUN unless asked for: the other parts, and kill with 50 moments (./run bench --help)" ;;
   -h | --help) usage ;;
-  *) usage >&2; exit 2 ;;
+  *) part "$@" ;;
 esac

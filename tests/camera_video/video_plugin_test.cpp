@@ -1,16 +1,22 @@
 // The real plug-in with a real recording and a real network camera, where OpenCV's videoio is installed.
+#include <fmt/format.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
 
+#include "base/files.hpp"
 #include "camera/camera_source.hpp"
+#include "flight/preflight.hpp"
+#include "flight/video_stream_finder.hpp"
 #include "service/clock.hpp"
 #include "support/manual_clock.hpp"
 #include "support/temporary_folder.hpp"
@@ -73,11 +79,10 @@ TEST(VideoPlugin, AnInvalidVideoIsAFailure) {
   }
 }
 
-// network_camera.py in its own process, five frames a second.
-class NetworkCamera {
+// A script in its own process, until the end of this.
+class Script {
  public:
-  explicit NetworkCamera(const std::string& recording, int port = 0) {
-    std::vector<std::string> words = {"python3", NETWORK_CAMERA, std::to_string(port), "5", recording};
+  explicit Script(std::vector<std::string> words) {
     std::array<int, 2> pipe_ends{};
     EXPECT_EQ(::pipe(pipe_ends.data()), 0);
     process_ = ::fork();
@@ -90,21 +95,37 @@ class NetworkCamera {
       ::_exit(127);
     }
     ::close(pipe_ends[1]);
-    const std::unique_ptr<std::FILE, int (*)(std::FILE*)> said(::fdopen(pipe_ends[0], "r"), std::fclose);
-    EXPECT_EQ(std::fscanf(said.get(), "%d", &port_), 1);
+    said_.reset(::fdopen(pipe_ends[0], "r"));
   }
-  ~NetworkCamera() {
+  ~Script() {
     ::kill(process_, SIGKILL);
     ::waitpid(process_, nullptr, 0);
   }
-  NetworkCamera(const NetworkCamera&) = delete;
-  NetworkCamera& operator=(const NetworkCamera&) = delete;
+  Script(const Script&) = delete;
+  Script& operator=(const Script&) = delete;
+
+  int number() const {
+    int number = 0;
+    EXPECT_EQ(std::fscanf(said_.get(), "%d", &number), 1);
+    return number;
+  }
+
+ private:
+  pid_t process_ = -1;
+  std::unique_ptr<std::FILE, int (*)(std::FILE*)> said_{nullptr, std::fclose};
+};
+
+// network_camera.py, five frames a second.
+class NetworkCamera {
+ public:
+  explicit NetworkCamera(const std::string& recording, int port = 0)
+      : script_({"python3", NETWORK_CAMERA, std::to_string(port), "5", recording}), port_(script_.number()) {}
 
   int port() const { return port_; }
 
  private:
-  pid_t process_ = -1;
-  int port_ = 0;
+  Script script_;
+  int port_;
 };
 
 // The next reading other than a timeout, however long it takes: the test's time limit ends a hang.
@@ -140,6 +161,58 @@ TEST(VideoPlugin, ReconnectsToANetworkCamera) {
   }  // frames in transit; then a failure
   server = std::make_unique<NetworkCamera>(file, port);
   expect_pictures(*camera, last_s);
+}
+
+// Camera Protocol v2, with pymavlink as the camera: it names the RTSP server, of which the plug-in then gets pictures.
+class MavlinkCameraTest : public ::testing::Test {
+ protected:
+  // What is found of these streams, over a link that is signed with `ours`, by a camera that signs with `theirs`.
+  PartCheck find(const std::string& streams, const std::string& theirs = "none", const std::string& ours = "none",
+                 double limit_s = 20) {
+    auto transport = make_transport(parse_endpoint("udpin:127.0.0.1:0"));
+    transport->advance(0, [](const Transport::Arrival&) {});
+    const Script camera({NADIR_PYTHON, MAVLINK_CAMERA, std::to_string(transport->local_port()), theirs, streams});
+    std::optional<Signing> signing;
+    SigningTime time(folder_ / "signing-time", clock_.unix_us(), std::llround(clock_.monotonic_s() * 1e6));
+    if (ours != "none") signing.emplace(SigningKey::read(private_file(ours)), time, 1);
+    return find_stream(std::move(transport), Airframe{}, std::move(signing), finder_, clock_, limit_s);
+  }
+  std::filesystem::path private_file(const std::string& text) {
+    write_file_atomic(folder_ / "link.key", text, 0600);
+    return folder_ / "link.key";
+  }
+  std::string stream(const std::string& uri, int width = kWidth, int type = 0) {
+    return fmt::format(R"([{{"type": {}, "width": {}, "height": {}, "uri": "{}"}}])", type, width, width * 3 / 4, uri);
+  }
+
+  const test::TemporaryFolder folder_;
+  const SystemFlightClock clock_;
+  VideoStreamFinder finder_{1, {100}, kWidth, kHeight};
+};
+
+TEST_F(MavlinkCameraTest, ItsStreamIsFoundAndShowsPictures) {
+  const NetworkCamera server(recording(folder_));
+  const std::string uri = fmt::format("rtsp://127.0.0.1:{}/cam", server.port());
+  const PartCheck part = find(stream(uri));
+  ASSERT_FALSE(part.findings.has_errors()) << part.found;
+  EXPECT_EQ(part.found, uri);
+  StreamCamera camera(finder_, [&](const std::string& at) { return open_camera(at, clock_, {PLUGIN_FOLDER}); });
+  double last_s = 0;
+  expect_pictures(camera, last_s);
+  EXPECT_EQ(camera.describe(), open_camera(uri, clock_, {PLUGIN_FOLDER})->describe());
+}
+
+TEST_F(MavlinkCameraTest, OnASignedLinkTheCameraMustSign) {
+  const std::string key(64, 'a'), other(64, 'b');
+  EXPECT_TRUE(find(stream("rtsp://10.0.0.6/1"), other, key, 2).findings.contains("camera.no_stream"));
+  EXPECT_TRUE(find(stream("rtsp://10.0.0.6/1"), "none", key, 2).findings.contains("camera.no_stream"));
+  EXPECT_FALSE(find(stream("rtsp://10.0.0.6/1"), key, key).findings.has_errors());
+}
+
+TEST_F(MavlinkCameraTest, WhatItOffersInsteadIsNamed) {
+  const PartCheck part = find(stream("5600", 1920, 1), "none", "none", 2);
+  ASSERT_TRUE(part.findings.contains("camera.no_stream"));
+  EXPECT_THAT(part.found, testing::HasSubstr("Example Eye 1: 1: RTP, 1920 x 1440"));
 }
 
 }  // namespace

@@ -164,6 +164,32 @@ TEST(Localizer, ColourFramesAreTheSameAsGrey) {
   }
 }
 
+// Thermal and near-infrared cameras show as bright what a map shows as dark: all of it, or here one thing and there
+// another. An edge and its reversal are the same to the channels.
+TEST(Localizer, ReversedBrightnessMatchesAsWell) {
+  const auto reversed = [](const cv::Mat& image) { return cv::Mat(255 - image); };
+  // Above the middle grey reversed, below as it was: each edge keeps its direction or turns it.
+  const auto folded = [](const cv::Mat& image) {
+    cv::Mat result;
+    cv::absdiff(image, cv::Scalar::all(128), result);
+    return cv::Mat(2 * result);
+  };
+  Localizer usual(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
+  Localizer negative(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
+  Localizer mixed(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
+  for (const Moment& moment : short_flight()) {
+    const FrameReport as_seen = usual.process(moment.image, moment.telemetry);
+    const FrameReport other = negative.process(reversed(moment.image), moment.telemetry);
+    const FrameReport partly = mixed.process(folded(moment.image), moment.telemetry);
+    EXPECT_EQ(other.anchor.verdict, AnchorVerdict::accepted) << moment.telemetry.frame;
+    EXPECT_NEAR(other.anchor.score, as_seen.anchor.score, 0.01);
+    EXPECT_NEAR(other.anchor.inliers, as_seen.anchor.inliers, 3);
+    EXPECT_LT(off_m(other.estimate, moment), off_m(as_seen.estimate, moment) + 0.2);
+    EXPECT_EQ(partly.anchor.verdict, AnchorVerdict::accepted) << "folded " << moment.telemetry.frame;
+    EXPECT_LT(off_m(partly.estimate, moment), 3) << "folded " << moment.telemetry.frame;
+  }
+}
+
 TEST(Localizer, WithoutMapAndStartThereIsNoFix) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), nullptr, std::nullopt, config());
   for (std::size_t i = 0; i < 2; ++i) {

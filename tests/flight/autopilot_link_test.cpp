@@ -35,8 +35,7 @@ class HeldClock final : public FlightClock {
 
 class AutopilotLinkTest : public ::testing::Test {
  protected:
-  AutopilotLinkTest() {
-    Airframe airframe;
+  explicit AutopilotLinkTest(Airframe airframe = {}) {
     airframe.system = 7;
     airframe.gps_id = 1;
     link_ = std::make_unique<AutopilotLink>(
@@ -141,6 +140,33 @@ TEST_F(AutopilotLinkTest, RequestsStreamsAtTheFirstHeartbeatAndAgainLater) {
   second();
   second();
   EXPECT_EQ(asked().size(), 18U) << "it may have been started anew";
+}
+
+class GimbalLinkTest : public AutopilotLinkTest {
+ protected:
+  GimbalLinkTest() : AutopilotLinkTest(on_gimbal()) {}
+  static Airframe on_gimbal() {
+    Airframe airframe;
+    airframe.gimbal = GimbalAddress{154, 0};
+    return airframe;
+  }
+};
+
+TEST_F(GimbalLinkTest, TheGimbalIsAskedForItsAttitude) {
+  autopilot_beats(MAV_AUTOPILOT_ARDUPILOTMEGA);
+  second();
+  second();
+  int asked = 0;
+  for (const mavlink_message_t& message : peer_.received(MAVLINK_MSG_ID_COMMAND_LONG)) {
+    mavlink_command_long_t command;
+    mavlink_msg_command_long_decode(&message, &command);
+    if (command.target_component != 154) continue;
+    ++asked;
+    EXPECT_EQ(command.command, MAV_CMD_SET_MESSAGE_INTERVAL);
+    EXPECT_EQ(command.param1, MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS);
+    EXPECT_EQ(command.param2, 40'000);
+  }
+  EXPECT_EQ(asked, 1);
 }
 
 TEST_F(AutopilotLinkTest, Px4IsRecognizedAndGetsItsOwnMessages) {

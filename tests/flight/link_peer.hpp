@@ -32,6 +32,8 @@ class LinkPeer {
     EXPECT_TRUE(transport_->send({bytes, size}));
   }
 
+  void send(ByteView frame) { EXPECT_TRUE(transport_->send(frame)); }
+
   // Until `done` holds for what was received; the deadline is there only so that a dead link fails instead of hanging.
   void listen_until(const std::function<bool()>& done) {
     const auto deadline = std::chrono::steady_clock::now() + std::chrono::minutes(2);

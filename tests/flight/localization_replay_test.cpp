@@ -2,6 +2,7 @@
 // between the same pictures in the replay, and every estimate has the same bits.
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -73,14 +74,19 @@ class Progress {
 
 class LocalizationReplay : public ::testing::Test {
  protected:
-  LocalizationReplay() : recorder_(recorder_options(), session(), [] { return std::uint64_t{1}; }) {}
-
   // A start that claims 5 m and is 190 m off: without the hint the localizer stays there.
-  static LocalizationSetup setup(const TileSource& tiles) {
-    LocalizerConfig stubborn = config();
-    stubborn.area = PlaneBox{-130, -130, 130, 130};
-    stubborn.start_sigma_m = 5;
-    return {flight_camera(), {}, LocalFrame(kOrigin), &tiles, place_of({70, 90}), stubborn, 0};
+  LocalizationReplay() : LocalizationReplay(flight_camera(), place_of({70, 90}), 5) {}
+  LocalizationReplay(const CameraFile& camera, LonLat start, double start_sigma_m)
+      : camera_(camera),
+        start_(start),
+        start_sigma_m_(start_sigma_m),
+        recorder_(recorder_options(), session(), [] { return std::uint64_t{1}; }) {}
+
+  LocalizationSetup setup(const TileSource& tiles) const {
+    LocalizerConfig chosen = config();
+    chosen.area = PlaneBox{-130, -130, 130, 130};
+    chosen.start_sigma_m = start_sigma_m_;
+    return {camera_, {}, LocalFrame(kOrigin), &tiles, start_, chosen, 0};
   }
 
   RecorderOptions recorder_options() const {
@@ -92,7 +98,7 @@ class LocalizationReplay : public ::testing::Test {
     return options;
   }
 
-  static SessionRecord session() {
+  SessionRecord session() const {
     const LocalizationSetup flown = setup(landscape_tiles());
     SessionRecord session;
     session.id = "test";
@@ -115,6 +121,8 @@ class LocalizationReplay : public ::testing::Test {
                 last_verdict_ = frame.report.anchor.verdict;
               } else {
                 record_frame(recorder_, frame.index, frame.report);
+                last_source_ = frame.report.estimate.source;
+                if (frame.report.anchor.verdict == AnchorVerdict::frame_unfit) ++unfit_;
               }
               progress_.notify(frame.late ? progress_.looks : progress_.frames);
             },
@@ -152,6 +160,9 @@ class LocalizationReplay : public ::testing::Test {
     return compare_estimates(flight.estimates, flown.published);
   }
 
+  const CameraFile camera_;
+  const LonLat start_;
+  const double start_sigma_m_;
   const TemporaryFolder folder_;
   const SystemFlightClock clock_;
   ThreadWatch watch_{clock_};
@@ -159,6 +170,8 @@ class LocalizationReplay : public ::testing::Test {
   Progress progress_;
   int flown_ = 0;
   AnchorVerdict last_verdict_ = AnchorVerdict::not_tried;
+  SourceLabel last_source_ = SourceLabel::no_fix;
+  int unfit_ = 0;
   Recorder recorder_;
 };
 
@@ -202,6 +215,77 @@ TEST_F(LocalizationReplay, HintsAndLateAnchorsReplayBitForBit) {
   flight.flight.files.resize(3);
   const Reproduction other = replay(flight);
   EXPECT_EQ(other.first_other, moments[1].telemetry.frame) << "or the hint was of no account";
+}
+
+// A camera with a rolling shutter on a gimbal, under an aircraft that flies another heading and banks.
+class GimbalReplay : public LocalizationReplay {
+ protected:
+  GimbalReplay() : LocalizationReplay(camera(), start(), 20) {}
+
+  static CameraFile camera() {
+    CameraFile file = flight_camera();
+    file.on_gimbal = true;
+    file.readout = SensorReadout{0.02};
+    return file;
+  }
+  // The axes of a gimbal that carries this camera: ahead, right, down; from the aircraft's heading, or from north.
+  static GimbalAttitude gimbal(const Attitude& camera, std::optional<double> heading_rad) {
+    const Eigen::Matrix3d axes = enu_from_camera(camera);
+    const auto ned = [](const Eigen::Vector3d& enu) { return Eigen::Vector3d(enu.y(), enu.x(), -enu.z()); };
+    Eigen::Matrix3d ned_from_gimbal;
+    ned_from_gimbal << ned(axes.col(2)), ned(axes.col(0)), ned(axes.col(1));
+    const Eigen::Quaterniond q(Eigen::AngleAxisd(-heading_rad.value_or(0), Eigen::Vector3d::UnitZ()) * ned_from_gimbal);
+    return {0, 0, {q.w(), q.x(), q.y(), q.z()}, !heading_rad, false};
+  }
+};
+
+TEST_F(GimbalReplay, FramesWithoutItsAttitudeAreNotUsedAndTheFlightReplaysBitForBit) {
+  const std::vector<Moment> moments = flight(6);
+  const double heading_rad = radians(-100);
+  {
+    GatedTiles tiles;
+    tiles.open();
+    LocalizationThread localization(setup(tiles), frames_, watch_, listener());
+    double time_s = moments[0].telemetry.time_s - 0.1;
+    int looks = 0;
+    for (std::size_t i = 0; i < moments.size(); ++i) {
+      const Moment& moment = moments[i];
+      for (; time_s < moment.telemetry.time_s + 0.05; time_s += 0.1) {
+        localization.on_message(time_s, AircraftAttitude{0, radians(35), 0, heading_rad, {}});
+        localization.on_message(
+            time_s, ImuSample{1, 0, {0, -9.80665 * std::sin(radians(35)), -9.80665 * std::cos(radians(35))}, {}});
+      }
+      const bool known = i != 3;
+      const auto relative = i % 2 == 0 ? std::optional(heading_rad) : std::nullopt;
+      for (const double off_s : {-0.02, 0.02}) {
+        if (known) localization.on_message(moment.telemetry.time_s + off_s, gimbal(moment.truth.attitude, relative));
+      }
+      localization.on_message(moment.telemetry.time_s, GroundHeight{{}, 0, *moment.telemetry.agl_m});
+      frames_.put({moment.telemetry.frame, encode_image(moment.image, ImageFormat::png), moment.telemetry.time_s});
+      progress_.wait(progress_.frames, ++flown_);
+      if (!known) {
+        EXPECT_EQ(unfit_, 1);
+        EXPECT_EQ(last_source_, SourceLabel::dead_reckoned);
+        continue;
+      }
+      progress_.wait(progress_.looks, ++looks);
+      EXPECT_EQ(last_verdict_, AnchorVerdict::accepted) << i;
+    }
+    EXPECT_EQ(unfit_, 1) << "and no other";
+  }
+  const RecordedFlight flight = recorded();
+  EXPECT_TRUE(flight.session.camera.on_gimbal);
+  EXPECT_TRUE(flight.flight.frames[1].rate_rad_s);
+  EXPECT_FALSE(flight.flight.frames[3].pitch_rad);
+  for (const std::size_t i : {0U, 1U, 2U, 4U, 5U}) {
+    const Telemetry& telemetry = flight.flight.frames[i];
+    ASSERT_TRUE(telemetry.heading_rad) << i;
+    EXPECT_NEAR(wrap_pi(*telemetry.heading_rad - moments[i].truth.attitude.heading_rad), 0, 1e-6) << i;
+    EXPECT_NEAR(*telemetry.roll_rad, moments[i].truth.attitude.roll_rad, 1e-6);
+  }
+  const Reproduction same = replay(flight);
+  EXPECT_GE(same.compared, 11U) << "six frames, and five looks at the map";
+  EXPECT_EQ(same.same, same.compared) << same.first_other.value_or("");
 }
 
 // Half a minute without pictures: what the autopilot telemetry meanwhile is part of what came with the next one.

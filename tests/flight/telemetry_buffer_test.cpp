@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <cmath>
 #include <limits>
 
@@ -26,6 +27,88 @@ TEST(TelemetryBuffer, AttitudeIsInterpolatedToTheFrame) {
   EXPECT_NEAR(degrees(*telemetry.pitch_rad), 3, 1e-9);
   EXPECT_NEAR(degrees(*buffer.at(10.2).roll_rad), 20, 1e-9);
   EXPECT_FALSE(buffer.at(9.9).heading_rad) << "before all that is known";
+}
+
+// Of a gimbal with these angles, as of an aircraft.
+GimbalAttitude gimbal(double roll_deg, double pitch_deg, double yaw_deg, bool from_north) {
+  const Eigen::Quaterniond q = Eigen::AngleAxisd(radians(yaw_deg), Eigen::Vector3d::UnitZ()) *
+                               Eigen::AngleAxisd(radians(pitch_deg), Eigen::Vector3d::UnitY()) *
+                               Eigen::AngleAxisd(radians(roll_deg), Eigen::Vector3d::UnitX());
+  return {0, 0, {q.w(), q.x(), q.y(), q.z()}, from_north, false};
+}
+
+TEST(TelemetryBuffer, OnAGimbalTheCameraHasItsAttitudeAlone) {
+  TelemetryBuffer buffer({}, {.gimbal = true});
+  buffer.on_message(1, attitude(40, -10, 100));
+  EXPECT_FALSE(buffer.at(1).heading_rad) << "the aircraft's is not the camera's";
+  buffer.on_message(1, gimbal(0, -80, 20, false));
+  const Telemetry from_heading = buffer.at(1);
+  EXPECT_NEAR(degrees(*from_heading.pitch_rad), 10, 1e-6);
+  EXPECT_NEAR(degrees(*from_heading.roll_rad), 0, 1e-6);
+  TelemetryBuffer other({}, {.gimbal = true});
+  other.on_message(2, attitude(0, 0, 100));
+  other.on_message(2, gimbal(0, -80, 20, true));
+  EXPECT_NEAR(degrees(*other.at(2).heading_rad), 20, 1e-6) << "from north";
+  TelemetryBuffer relative({}, {.gimbal = true});
+  relative.on_message(2, attitude(0, 0, 100));
+  relative.on_message(2, gimbal(0, -80, 20, false));
+  EXPECT_NEAR(degrees(*relative.at(2).heading_rad), 120, 1e-6) << "from the nose";
+}
+
+TEST(TelemetryBuffer, AGimbalIsInterpolatedAndHeldForATenthOfASecond) {
+  TelemetryBuffer buffer({}, {.gimbal = true});
+  buffer.on_message(1.0, gimbal(0, -90, 0, true));
+  buffer.on_message(1.2, gimbal(0, -70, 0, true));
+  EXPECT_NEAR(degrees(*buffer.at(1.05).pitch_rad), 5, 1e-6);
+  EXPECT_NEAR(degrees(*buffer.at(1.29).pitch_rad), 20, 1e-6);
+  EXPECT_FALSE(buffer.at(1.31).pitch_rad) << "it may look elsewhere by now";
+  buffer.on_message(1.8, gimbal(0, -70, 0, true));
+  EXPECT_FALSE(buffer.at(1.5).pitch_rad) << "what was in between nobody knows";
+  GimbalAttitude faulty = gimbal(0, -70, 0, true);
+  faulty.faulty = true;
+  buffer.on_message(1.9, faulty);
+  EXPECT_FALSE(buffer.at(1.95).pitch_rad);
+  buffer.on_message(2.0, gimbal(0, -70, 0, false));
+  buffer.on_message(2.0, attitude(0, 0, 0));
+  EXPECT_FALSE(buffer.at(1.9).pitch_rad) << "from north, then from the nose";
+}
+
+// The filter takes a turn of the camera for one of the aircraft where no accelerometer says otherwise.
+TEST(TelemetryBuffer, OnAGimbalThereIsNoHeadingWithoutAccelerations) {
+  TelemetryBuffer buffer({}, {.gimbal = true});
+  buffer.on_message(1.0, attitude(0, 0, 0));
+  buffer.on_message(1.0, gimbal(0, -90, 0, true));
+  EXPECT_TRUE(buffer.at(1.0).heading_rad);
+  buffer.on_message(1.1, gimbal(0, -90, 50, true));
+  const Telemetry blind = buffer.at(1.1);
+  EXPECT_TRUE(blind.pitch_rad);
+  EXPECT_FALSE(blind.heading_rad);
+  for (const double time_s : {1.1, 1.15, 1.2}) {
+    buffer.on_message(time_s, attitude(0, 0, 0));
+    buffer.on_message(time_s, ImuSample{1, 0, {0, 0, -kGravity}, {}});
+  }
+  buffer.on_message(1.2, gimbal(0, -90, 50, true));
+  EXPECT_TRUE(buffer.at(1.2).heading_rad);
+}
+
+TEST(TelemetryBuffer, RatesAreThereForARollingShutterAlone) {
+  AircraftAttitude turning = attitude(0, 0, 0);
+  turning.rate_rad_s = {0.2, 0, 0};
+  TelemetryBuffer buffer({radians(90), 0, 0}, {.turn_rate = true});
+  buffer.on_message(1.0, turning);
+  turning.rate_rad_s = {0.4, 0, 0};
+  buffer.on_message(1.1, turning);
+  const auto rate = buffer.at(1.05).rate_rad_s;
+  ASSERT_TRUE(rate);
+  EXPECT_NEAR(rate->y(), -0.3, 1e-9) << "image-up is the right wing";
+  EXPECT_NEAR(buffer.at(1.2).rate_rad_s->y(), -0.4, 1e-9) << "the last one holds";
+  EXPECT_FALSE(buffer.at(2).rate_rad_s);
+  TelemetryBuffer without({});
+  without.on_message(1.0, turning);
+  EXPECT_FALSE(without.at(1.0).rate_rad_s);
+  TelemetryBuffer moving({}, {.gimbal = true, .turn_rate = true});
+  for (int i = 0; i < 10; ++i) moving.on_message(0.04 * i, gimbal(0, -90 + i, 0, true));
+  EXPECT_NEAR(moving.at(0.2).rate_rad_s->y(), radians(1) / 0.04, 1e-6);
 }
 
 TEST(TelemetryBuffer, TheMountRotatesTheCamera) {

@@ -15,6 +15,7 @@
 #include "nadir_candidates/upload_api.hpp"
 #include "service/acceptance_record.hpp"
 #include "service/sealed_text.hpp"
+#include "service/service_rules.hpp"
 
 namespace nadir::fuzz {
 

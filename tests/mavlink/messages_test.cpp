@@ -56,6 +56,51 @@ TEST(Decode, SystemTimeWithoutDate) {
   EXPECT_EQ(early.boot_ms, 61000U);
 }
 
+// The flags as ArduPilot, PX4 and gimbals of before the newer flags set them.
+TEST(Decode, GimbalAttitude) {
+  const auto status = [](int flags, const std::string& more = {}) {
+    return R"({"message":"GIMBAL_DEVICE_ATTITUDE_STATUS","time_boot_ms":4000,"q":[0.70710678,0,-0.70710678,0],"flags":)" +
+           std::to_string(flags) + more + "}";
+  };
+  const auto m = as<GimbalAttitude>(status(4 + 8 + 32, R"(,"gimbal_device_id":2)"));
+  EXPECT_EQ(m.boot_ms, 4000U);
+  EXPECT_EQ(m.device, 2);
+  EXPECT_FALSE(m.from_north) << "YAW_IN_VEHICLE_FRAME";
+  EXPECT_FALSE(m.faulty);
+  EXPECT_NEAR(m.level_from_gimbal[0], std::sqrt(0.5), 1e-7);
+  EXPECT_NEAR(m.level_from_gimbal[2], -std::sqrt(0.5), 1e-7);
+  EXPECT_TRUE(as<GimbalAttitude>(status(4 + 8 + 64)).from_north) << "YAW_IN_EARTH_FRAME";
+  EXPECT_FALSE(as<GimbalAttitude>(status(4 + 8 + 16 + 32)).from_north) << "locked, and yet from the heading";
+  EXPECT_TRUE(as<GimbalAttitude>(status(4 + 8 + 16)).from_north) << "YAW_LOCK without the newer flags";
+  EXPECT_FALSE(as<GimbalAttitude>(status(4 + 8)).from_north);
+  EXPECT_FALSE(as<GimbalAttitude>(status(32, R"(,"failure_flags":1)")).faulty) << "at a limit";
+  EXPECT_TRUE(as<GimbalAttitude>(status(32, R"(,"failure_flags":8)")).faulty) << "an encoder";
+  EXPECT_FALSE(decoded(status(32 + 64))) << "of both frames at once";
+  EXPECT_FALSE(decoded(R"({"message":"GIMBAL_DEVICE_ATTITUDE_STATUS","flags":32,"q":[0.5,0,0,0]})")) << "no rotation";
+  EXPECT_FALSE(decoded(R"({"message":"GIMBAL_DEVICE_ATTITUDE_STATUS","flags":32,"q":[NaN,0,0,0]})"));
+}
+
+TEST(Decode, CamerasAndTheirStreams) {
+  const auto camera = as<CameraInformation>(R"({"message":"CAMERA_INFORMATION","vendor_name":[69,120,0)" + [] {
+    std::string zeros;
+    for (int i = 0; i < 29; ++i) zeros += ",0";
+    return zeros;
+  }() + R"(],"flags":257,"focal_length":NaN,"sensor_size_h":NaN,"sensor_size_v":NaN})");
+  EXPECT_EQ(camera.vendor, "Ex");
+  EXPECT_TRUE(camera.has_video_stream);
+  const auto stream = as<VideoStream>(
+      R"({"message":"VIDEO_STREAM_INFORMATION","stream_id":2,"count":3,"type":0,"flags":1,"resolution_h":1280,)"
+      R"("resolution_v":720,"framerate":NaN,"name":"nadir","uri":"rtsp://192.168.1.9:554/nadir"})");
+  EXPECT_EQ(stream.kind, VideoStream::Kind::rtsp);
+  EXPECT_EQ(stream.id, 2);
+  EXPECT_EQ(stream.count, 3);
+  EXPECT_EQ(stream.width, 1280);
+  EXPECT_TRUE(stream.running);
+  EXPECT_EQ(stream.name, "nadir");
+  EXPECT_EQ(stream.uri, "rtsp://192.168.1.9:554/nadir");
+  EXPECT_EQ(as<VideoStream>(R"({"message":"VIDEO_STREAM_INFORMATION","type":77})").kind, VideoStream::Kind::other);
+}
+
 TEST(Decode, Positions) {
   const auto m = as<GlobalPosition>(
       R"({"message":"GLOBAL_POSITION_INT","time_boot_ms":5,"lat":-353621474,"lon":1491651746,"alt":584070,)"
@@ -127,8 +172,8 @@ TEST(Decode, TelemetryOfPx4) {
   EXPECT_TRUE(filter.horizontal_position_absolute && filter.gps_glitching);
   EXPECT_EQ(filter.horizontal_position_ratio, 0.25);
   EXPECT_TRUE(std::isnan(filter.horizontal_accuracy_m)) << "not an error: PX4 may not know it";
-  const auto origin =
-      as<LocalOrigin>(R"({"message":"GPS_GLOBAL_ORIGIN","latitude":472500000,"longitude":-85000000,"altitude":512300})");
+  const auto origin = as<LocalOrigin>(
+      R"({"message":"GPS_GLOBAL_ORIGIN","latitude":472500000,"longitude":-85000000,"altitude":512300})");
   EXPECT_EQ(origin.place, (LonLat{-8.5, 47.25}));
   EXPECT_DOUBLE_EQ(origin.msl_m, 512.3);
 }
@@ -205,9 +250,9 @@ TEST(Encode, PymavlinkAcceptsEveryMessage) {
       SigningSetup{kAutopilot, {1, 2, 3}, 77}};
   const auto got = read(messages);
   const std::vector<std::string> names{
-      "HEARTBEAT",         "GPS_INPUT",  "GLOBAL_POSITION_SENSOR", "ODOMETRY",    "SET_GPS_GLOBAL_ORIGIN",
-      "NAMED_VALUE_FLOAT", "STATUSTEXT", "COMMAND_LONG",           "COMMAND_INT", "COMMAND_ACK",
-      "PARAM_REQUEST_READ", "PARAM_SET", "SETUP_SIGNING"};
+      "HEARTBEAT",          "GPS_INPUT",  "GLOBAL_POSITION_SENSOR", "ODOMETRY",    "SET_GPS_GLOBAL_ORIGIN",
+      "NAMED_VALUE_FLOAT",  "STATUSTEXT", "COMMAND_LONG",           "COMMAND_INT", "COMMAND_ACK",
+      "PARAM_REQUEST_READ", "PARAM_SET",  "SETUP_SIGNING"};
   ASSERT_EQ(got.size(), std::variant_size_v<OutgoingMessage>);  // a new kind needs a line here
   for (std::size_t i = 0; i < got.size(); ++i) {
     EXPECT_EQ(got[i].value("mavpackettype", "refused"), names[i]) << got[i];
@@ -371,17 +416,29 @@ TEST(Encode, NumbersOutOfRangeAreClamped) {
 
 TEST(Commands, OperatorHint) {
   CommandInt command = external_position_estimate(kSender, {.place = {8.5, 47.25}, .sigma_m = 300});
-  ASSERT_TRUE(position_hint(command));
-  EXPECT_EQ(position_hint(command)->place, (LonLat{8.5, 47.25}));
-  EXPECT_EQ(position_hint(command)->radius_m, 300);
-  command.parameters[2] = std::nanf("");
-  EXPECT_FALSE(position_hint(command));
-  command.parameters[2] = 300;
-  command.place.lat_deg = 91;
-  EXPECT_FALSE(position_hint(command));
-  command.place.lat_deg = 0;
-  command.command = 512;
-  EXPECT_FALSE(position_hint(command));
+  ASSERT_TRUE(is_position_hint(command));
+  const auto hint = std::get<PositionHint>(position_hint(command));
+  EXPECT_EQ(hint.place, (LonLat{8.5, 47.25}));
+  EXPECT_EQ(hint.radius_m, 300);
+  const auto refused = [](const CommandInt& changed) { return std::get<std::string>(position_hint(changed)); };
+  CommandInt other = command;
+  other.parameters[2] = std::nanf("");
+  EXPECT_EQ(refused(other), "no accuracy");
+  other = command;
+  other.parameters[1] = std::nanf("");
+  EXPECT_EQ(refused(other), "no valid age");
+  other.parameters[1] = -1;
+  EXPECT_EQ(refused(other), "no valid age");
+  other = command;
+  other.place.lat_deg = 91;
+  EXPECT_EQ(refused(other), "no valid place");
+  other.place = {std::nan(""), 0};
+  EXPECT_EQ(refused(other), "no valid place");
+  other = command;
+  other.frame = 1;  // MAV_FRAME_LOCAL_NED
+  EXPECT_EQ(refused(other), "its frame is not global");
+  other.command = 512;
+  EXPECT_FALSE(is_position_hint(other));
 }
 
 TEST(Commands, StreamsAreRequestedByMessage) {

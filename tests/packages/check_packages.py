@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Builds the Debian package of nadird from a build folder, twice, and tries it in a throw-away copy of this system.
+"""Builds the Debian packages of nadird and nadir-candidates from a build folder, nadird's twice, and tries them in a throw-away
+copy of this system.
 
 usage: check_packages.py PROJECT_ROOT BUILD
 The copy is an overlay: this system with whatever is installed below it, and everything that changes in memory; so no package
@@ -48,6 +49,29 @@ dpkg --force-depends -i /new.deb >/dev/null 2>&1 && dpkg -P nadird >/dev/null 2>
 ! getent passwd nadir >/dev/null || fail "the user is there after a purge without data"
 test ! -e /etc/nadir -a ! -e /var/lib/nadir-flights -a ! -e /var/lib/nadir-packages || fail "folders are left"
 '''
+# The same of nadir-candidates, which has a unit of its own.
+CANDIDATES = r'''
+set -e
+export PATH=/usr/sbin:/usr/bin:/sbin:/bin DEBIAN_FRONTEND=noninteractive
+fail() { echo "$*"; exit 1; }
+state=/var/lib/nadir-candidate-service
+dpkg --force-depends -i /new.deb >/dev/null 2>&1 || fail "cannot be installed"
+test "$(stat -c '%U %a' $state)" = "nadir-candidates 750" || fail "no folder for its data"
+test ! -e /etc/systemd/system/multi-user.target.wants/nadir-candidates.service || fail "enabled without configuration"
+grep -q '^#NADIR_CANDIDATES_OPTIONS=' /etc/nadir-candidates/nadir-candidates.env || fail "no example of its options"
+# Tokens as docs/install.md makes them: the service's own user can read them, and nobody else.
+setpriv --reuid nadir-candidates --regid nadir-candidates --clear-groups \
+  nadir-candidates token create --tokens $state/tokens.json --id ground-1 --out $state/ground-1.token >/dev/null || fail "no token"
+test "$(stat -c '%U %a' $state/tokens.json)" = "nadir-candidates 600" || fail "whose tokens are these?"
+dpkg -r nadir-candidates >/dev/null 2>&1 && dpkg -P nadir-candidates >/dev/null 2>&1
+test -e $state/tokens.json || fail "the purge took data along"
+getent passwd nadir-candidates >/dev/null || fail "the purge removed the owner of the data"
+test ! -e /etc/nadir-candidates || fail "the configuration is left"
+rm -r $state
+dpkg --force-depends -i /new.deb >/dev/null 2>&1 && dpkg -P nadir-candidates >/dev/null 2>&1
+test ! -e $state || fail "an empty folder is left"
+! getent passwd nadir-candidates >/dev/null || fail "the user is there after a purge without data"
+'''
 OVERLAY = r'''
 set -e
 mount -t tmpfs -o size=512m none "$1"
@@ -56,10 +80,10 @@ mount -t overlay -o lowerdir=/,upperdir="$1/upper",workdir="$1/work" none "$1/ro
 '''
 
 
-def pack(build, folder, epoch):
-    subprocess.run(["cpack", "--config", str(build / "CPackConfig.cmake"), "-D", "CPACK_COMPONENTS_ALL=nadird", "-D", "CPACK_DEBIAN_COMPRESSION_TYPE=gzip", "-B", str(folder)],
+def pack(build, folder, epoch, component="nadird"):
+    subprocess.run(["cpack", "--config", str(build / "CPackConfig.cmake"), "-D", f"CPACK_COMPONENTS_ALL={component}", "-D", "CPACK_DEBIAN_COMPRESSION_TYPE=gzip", "-B", str(folder)],
                    check=True, capture_output=True, env={**os.environ, "SOURCE_DATE_EPOCH": epoch})
-    return next(folder.glob("nadird_*.deb"))
+    return next(folder.glob(f"{component}_*.deb"))
 
 
 def field(deb, name):
@@ -82,6 +106,31 @@ def check_contents(root, deb):
     newest = re.match(r"nadir \(([^)]*)\)", (root / "cmake/packaging/debian/changelog").read_text())[1]
     if field(deb, "Version") != newest:
         yield f"the version is {field(deb, 'Version')}, of cmake/packaging/debian/changelog {newest}"
+
+
+def check_candidates(deb):
+    listed = subprocess.run(["dpkg-deb", "-c", str(deb)], capture_output=True, text=True, check=True).stdout
+    for path in ("usr/bin/nadir-candidates", "lib/systemd/system/nadir-candidates.service", "etc/nadir-candidates/nadir-candidates.env"):
+        if not re.search(rf" \./{re.escape(path)}$", listed, re.M):
+            yield f"the package of nadir-candidates has no {path}"
+
+
+def check_candidates_in_copy(deb, folder):
+    """As check_in_copy()."""
+    if os.geteuid() != 0:
+        return "that takes root"
+    mount = folder / "overlay-candidates"
+    mount.mkdir()
+    script = OVERLAY + r'''
+cp "$2" "$1/root/new.deb"
+mount --bind /dev "$1/root/dev"; mount -t proc proc "$1/root/proc"
+chroot "$1/root" sh -c "dpkg -P --force-all nadir-candidates >/dev/null 2>&1; rm -rf /etc/nadir-candidates /var/lib/nadir-candidate-service; deluser --system --quiet nadir-candidates >/dev/null 2>&1; true"
+chroot "$1/root" sh -c "$3"
+'''
+    result = subprocess.run(["unshare", "-m", "sh", "-c", script, "sh", mount, deb, CANDIDATES], capture_output=True, text=True,
+                            timeout=300)
+    assert result.returncode == 0, "nadir-candidates: " + result.stdout + result.stderr
+    return None
 
 
 def check_in_copy(deb, folder):
@@ -124,18 +173,19 @@ def main():
         folder.chmod(0o755)
         deb = pack(build, folder / "first", "1795521600")
         again = pack(build, folder / "second", "1795521600")
-        problems = [*check_contents(root, deb)]
+        candidates = pack(build, folder / "candidates", "1795521600", "nadir-candidates")
+        problems = [*check_contents(root, deb), *check_candidates(candidates)]
         if deb.read_bytes() != again.read_bytes():
             problems.append("a second build of the package has other bytes")
         if shutil.which("lintian"):
-            judged = subprocess.run(["lintian", "--fail-on", "error", str(deb)], capture_output=True, text=True)
+            judged = subprocess.run(["lintian", "--fail-on", "error", str(deb), str(candidates)], capture_output=True, text=True)
             if judged.returncode != 0:
                 problems.append(judged.stdout)
         else:
             print("NOT TESTED: lintian's judgement: it is not installed")
         untried = None
         try:
-            untried = check_in_copy(deb, folder)
+            untried = check_in_copy(deb, folder) or check_candidates_in_copy(candidates, folder)
         except AssertionError as wrong:
             problems.append(str(wrong))
     print("\n".join(problems) if problems else "packages: fine")

@@ -33,6 +33,10 @@ TEST(RecordCodec, TheSessionKeepsWhatTheLocalizerStartedFrom) {
   EXPECT_EQ(read.camera.camera.fx, 1400.5);
   EXPECT_EQ(read.camera.uncertainty.tilt_rad, 0.04);
   EXPECT_EQ(read.camera.uncertainty.imu_dv_mps, 0.05);
+  ASSERT_TRUE(read.camera.readout);
+  EXPECT_EQ(read.camera.readout->duration_s, 0.02);
+  EXPECT_EQ(read.camera.readout->direction, SensorReadout::Direction::left);
+  EXPECT_TRUE(read.camera.on_gimbal);
   EXPECT_EQ(read.localizer.integrity_risk, 1e-6);
   EXPECT_EQ(read.localizer.area->north_m, 400);
   EXPECT_EQ(read.start, session.start);
@@ -42,6 +46,20 @@ TEST(RecordCodec, TheSessionKeepsWhatTheLocalizerStartedFrom) {
   EXPECT_FALSE(read.places);
   EXPECT_TRUE(read.matchability);
   EXPECT_TRUE(read.localizer.resumed);
+}
+
+TEST(RecordCodec, ARollingShutterOrAGimbalTakesSpaceOnlyWhereThereIsOne) {
+  SessionRecord session = test::sample_session();
+  InputRecord input;
+  const std::size_t with = encode(Record(session)).size(), plain = encode(Record(input)).size();
+  session.camera.readout.reset();
+  session.camera.on_gimbal = false;
+  EXPECT_LT(encode(Record(session)).size(), with);
+  const auto back = decode(Topic::session, encode(Record(session)));
+  EXPECT_FALSE(std::get<SessionRecord>(*back).camera.readout);
+  EXPECT_FALSE(std::get<SessionRecord>(*back).camera.on_gimbal);
+  input.telemetry.rate_rad_s = {0.1, 0.2, 0.3};
+  EXPECT_LT(plain, encode(Record(input)).size());
 }
 
 TEST(RecordCodec, KeepsUnknownValuesAndSpecialNumbers) {

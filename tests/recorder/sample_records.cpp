@@ -12,6 +12,7 @@ Telemetry telemetry(Random& random) {
   if (random.chance(0.7)) sample.pitch_rad = random.normal();
   if (random.chance(0.7)) sample.roll_rad = random.normal();
   if (random.chance(0.5)) sample.imu_dv_mps = Eigen::Vector2d(random.normal(), random.normal());
+  if (random.chance(0.5)) sample.rate_rad_s = Eigen::Vector3d(random.normal(), random.normal(), random.normal());
   while (random.chance(0.5)) {
     TelemetryInterval& stretch = sample.intervals.emplace_back();
     stretch.seconds = random.uniform(0, 1);
@@ -121,6 +122,8 @@ SessionRecord sample_session() {
   session.mission = "valley";
   session.camera.camera = {1920, 1080, 1400.5, 1401.5, 959.5, 539.5, {0.1, -0.05, 0.001, -0.002, 0.01}};
   session.camera.uncertainty = {0.02, 0.03, 0.04, 0.05};
+  session.camera.readout = SensorReadout{0.02, SensorReadout::Direction::left};
+  session.camera.on_gimbal = true;
   session.origin = {8.5, 47.4};
   session.start = LonLat{8.51, 47.41};
   session.picture_shrink = 2;

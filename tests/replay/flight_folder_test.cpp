@@ -81,6 +81,19 @@ TEST_F(FlightFolder, ReadsRowsWithUnknownCells) {
   EXPECT_EQ(flight.camera.camera.width, 64);
 }
 
+TEST_F(FlightFolder, ReadsTheTurnRateIfWhole) {
+  const std::string header =
+      "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg,roll_rate_deg_s,pitch_rate_deg_s,yaw_rate_deg_s\n";
+  folder_.write("telemetry.csv", header + "a.jpg,0,120,90,1,-2,30,-10,5\nb.jpg,1.5,121,,,,30,,5\n");
+  const Flight flight = read();
+  ASSERT_TRUE(flight.frames[0].rate_rad_s);
+  EXPECT_DOUBLE_EQ(flight.frames[0].rate_rad_s->x(), radians(30));
+  EXPECT_DOUBLE_EQ(flight.frames[0].rate_rad_s->z(), radians(5));
+  EXPECT_FALSE(flight.frames[1].rate_rad_s) << "one of them is unknown";
+  folder_.write("telemetry.csv", header + "a.jpg,0,120,90,1,-2,3000,0,0\nb.jpg,1.5,121,,,,0,0,0\n");
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("roll_rate_deg_s is out of range"));
+}
+
 TEST_F(FlightFolder, ReadsTheVelocityChangeIfPresent) {
   const std::string header = "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg,imu_dv_east_mps,imu_dv_north_mps\n";
   folder_.write("telemetry.csv", header + "a.jpg,0,120,90,1,-2,,\nb.jpg,1.5,121,,,,-3.25,0.5\n");

@@ -16,6 +16,7 @@
 #include "simulation/test_world.hpp"
 #include "support/temporary_folder.hpp"
 #include "vision/camera.hpp"
+#include "vision/rolling_shutter.hpp"
 
 namespace nadir {
 namespace {
@@ -98,6 +99,48 @@ TEST_F(Flight, TheAccelerometerIntegratesToTheRoute) {
     velocity += dv;
   }
   EXPECT_LT((place - at(telemetry.rows() - 1)).norm(), 3);
+}
+
+// The same flight by a rolling shutter: other pictures, and what a localizer needs to undo that.
+TEST_F(Flight, ARollingShutterIsUndoneByItsTelemetry) {
+  options_.noise = SensorNoise::none;
+  options_.interval_s = 0.5;
+  options_.max_frames = 30;
+  fly("global");
+  const std::string camera_text = read_text_file(path("camera.yaml"));
+  options_.camera = folder_.write("rolling.yaml", camera_text + "\nrolling_shutter: {row_time_s: 4.0e-4}\n");
+  fly("rolling");
+  const CameraFile camera = read_camera_file(path("rolling/camera.yaml"));
+  ASSERT_TRUE(camera.readout);
+  EXPECT_FALSE(CsvTable::read(path("global/telemetry.csv")).column("roll_rate_deg_s"));
+  const CsvTable telemetry = CsvTable::read(path("rolling/telemetry.csv")),
+                 truth = CsvTable::read(path("rolling/truth.csv"));
+  const LocalFrame frame(mission_.takeoff);
+  const auto angle = [&](std::size_t row, const char* column) {
+    return radians(*telemetry.number(row, telemetry.required_column(column)));
+  };
+  const auto at = [&](std::size_t row) {
+    return frame
+        .plane_from_lonlat({*truth.number(row, truth.required_column("lon_deg")),
+                            *truth.number(row, truth.required_column("lat_deg"))})
+        .vector();
+  };
+  const auto picture = [&](const std::string& flight, std::size_t row) {
+    const auto file = path(flight.c_str()) / "frames" / telemetry.cell(row, telemetry.required_column("frame"));
+    return read_image_file(file, Colour::grey);
+  };
+  double rolled = 0, undone = 0;
+  for (std::size_t i = 1; i + 1 < telemetry.rows(); ++i) {
+    const ShutterMotion motion{
+        .attitude = {angle(i, "heading_deg"), angle(i, "pitch_deg"), angle(i, "roll_deg")},
+        .agl_m = *telemetry.number(i, telemetry.required_column("agl_m")),
+        .velocity_mps = at(i + 1) - at(i - 1),
+        .rate_rad_s = {angle(i, "roll_rate_deg_s"), angle(i, "pitch_rate_deg_s"), angle(i, "yaw_rate_deg_s")}};
+    const cv::Mat global = picture("global", i), rolling = picture("rolling", i);
+    rolled += cv::norm(global, rolling, cv::NORM_L1);
+    undone += cv::norm(global, without_rolling_shutter(rolling, camera.camera, *camera.readout, motion), cv::NORM_L1);
+  }
+  EXPECT_LT(undone, 0.5 * rolled);
 }
 
 TEST_F(Flight, FollowsTheRouteAtItsSpeedAndSpacing) {

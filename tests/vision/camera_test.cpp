@@ -198,6 +198,25 @@ TEST(CameraFile, TheAccelerometerSigmaIsOptional) {
   EXPECT_THAT(complaint(replaced(", tilt_deg: 2", ", tilt_deg: 2, imu_dv_mps: 0")), HasSubstr("above 0"));
 }
 
+TEST(CameraFile, ARollingShutterIsReadByItsRows) {
+  EXPECT_FALSE(read(kGood).readout);
+  const std::string tail = "rolling_shutter: {row_time_s: 5.0e-5";
+  const CameraFile down = read(kGood + tail + "}\n");
+  ASSERT_TRUE(down.readout);
+  EXPECT_DOUBLE_EQ(down.readout->duration_s, 480 * 5e-5);
+  EXPECT_EQ(down.readout->direction, SensorReadout::Direction::down);
+  EXPECT_DOUBLE_EQ(down.line_time_s(), 5e-5);
+  const CameraFile left = read(kGood + tail + ", direction: left}\n");
+  EXPECT_DOUBLE_EQ(left.readout->duration_s, 640 * 5e-5) << "of columns";
+  EXPECT_EQ(name_of(left.readout->direction), "left");
+  EXPECT_THAT(complaint(kGood + tail + ", direction: sideways}\n"), HasSubstr("down, up, right or left"));
+  EXPECT_THAT(complaint(kGood + "rolling_shutter: {row_time_s: 0}\n"), HasSubstr("above 0"));
+  EXPECT_THAT(complaint(kGood + "rolling_shutter: {row_time_s: 1.0e-3}\n"), HasSubstr("0.2 s"));
+  EXPECT_THAT(complaint(kGood + "rolling_shutter: {direction: down}\n"), HasSubstr("row_time_s"));
+  EXPECT_TRUE(read(kGood + "on_gimbal: true\n").on_gimbal);
+  EXPECT_THAT(complaint(kGood + "on_gimbal: 7\n"), HasSubstr("true or false"));
+}
+
 TEST(CameraFile, LensAndUncertaintyAreOptional) {
   const CameraFile file = read("model: pinhole\nwidth: 640\nheight: 480\nfx: 500\nfy: 500\ncx: 320\ncy: 240\n");
   EXPECT_FALSE(file.camera.distorted());
@@ -293,6 +312,19 @@ TEST_F(AirframeFile, ReadsCameraMountAndIdentity) {
   EXPECT_EQ(whole.parameters[1].value, 7);
 }
 
+TEST_F(AirframeFile, AGimbalIsAnAddress) {
+  EXPECT_FALSE(read("").gimbal);
+  EXPECT_FALSE(read("").camera.on_gimbal);
+  const Airframe usual = read(R"(, "gimbal": {})");
+  ASSERT_TRUE(usual.gimbal);
+  EXPECT_EQ(usual.gimbal->component, 154);
+  EXPECT_EQ(usual.gimbal->device, 0);
+  EXPECT_TRUE(usual.camera.on_gimbal);
+  const Airframe other = read(R"(, "gimbal": {"component": 1, "device": 2})");
+  EXPECT_EQ(other.gimbal->component, 1);
+  EXPECT_EQ(other.gimbal->device, 2);
+}
+
 TEST_F(AirframeFile, ErrorsNameTheKey) {
   const std::pair<const char*, const char*> wrong[] = {
       {R"(, "mount": {"pitch_deg": 80})", "mount.pitch_deg"},
@@ -303,6 +335,9 @@ TEST_F(AirframeFile, ErrorsNameTheKey) {
       {R"(, "mavlink": {"parameters": [{"name": "X Y", "value": 1}]})", "name"},
       {R"(, "mavlink": {"parameters": [{"name": "LONGER_THAN_16_BYTES", "value": 1}]})", "name"},
       {R"(, "mavlink": {"parameters": [{"name": "X"}]})", "value"},
+      {R"(, "gimbal": {"component": 0})", "component"},
+      {R"(, "gimbal": {"device": 300})", "device"},
+      {R"(, "gimbal": {"yaw": 1})", "yaw"},
       {R"(, "wings": 2)", "wings"},
       {R"(, "mavlink": {"key": "secret"})", "key"},
       {R"(, "sequence": 0)", "sequence"},
@@ -322,6 +357,42 @@ TEST_F(AirframeFile, ErrorsNameTheKey) {
   EXPECT_THROW(read_airframe(path_), UsageError);
   std::ofstream(path_) << R"({"format": "nadir.airframe/1", "airframe": "../a", )" << kCamera << "}";
   EXPECT_THROW(read_airframe(path_), UsageError);
+}
+
+// A gimbal's own axes: ahead, right, down; yaw, pitch and roll as of an aircraft.
+Eigen::Matrix3d gimbal(double yaw_deg, double pitch_deg, double roll_deg) {
+  return (Eigen::AngleAxisd(radians(yaw_deg), Eigen::Vector3d::UnitZ()) *
+          Eigen::AngleAxisd(radians(pitch_deg), Eigen::Vector3d::UnitY()) *
+          Eigen::AngleAxisd(radians(roll_deg), Eigen::Vector3d::UnitX()))
+      .toRotationMatrix();
+}
+
+TEST(CameraAttitude, AGimbalThatLooksDownIsACameraThatLooksDown) {
+  const Attitude down = camera_attitude_on_gimbal(gimbal(70, -90, 0), {});
+  EXPECT_NEAR(down.heading_rad, radians(70), 1e-9);
+  EXPECT_NEAR(down.pitch_rad, 0, 1e-9);
+  EXPECT_NEAR(down.roll_rad, 0, 1e-9);
+  const Attitude ahead = camera_attitude_on_gimbal(gimbal(70, -60, 0), {});
+  EXPECT_NEAR(ahead.heading_rad, radians(70), 1e-9);
+  EXPECT_NEAR(ahead.pitch_rad, radians(30), 1e-9) << "30 degrees ahead of nadir";
+  // Where it looks, and which way is up in the image: the axes themselves.
+  const Eigen::Matrix3d axes = gimbal(-130, -75, 8), camera = enu_from_camera(camera_attitude_on_gimbal(axes, {}));
+  const auto enu = [](const Eigen::Vector3d& ned) { return Eigen::Vector3d(ned.y(), ned.x(), -ned.z()); };
+  EXPECT_LT((camera.col(2) - enu(axes.col(0))).norm(), 1e-9) << "the optical axis";
+  EXPECT_LT((camera.col(0) - enu(axes.col(1))).norm(), 1e-9) << "right";
+  EXPECT_LT((camera.col(1) - enu(axes.col(2))).norm(), 1e-9) << "down the image";
+  EXPECT_NEAR(camera_attitude_on_gimbal(gimbal(0, -90, 0), {radians(180), 0, 0}).heading_rad, radians(180), 1e-9)
+      << "image-up backwards";
+}
+
+TEST(CameraAttitude, RatesAreThoseOfTheCamerasAxes) {
+  const Attitude mount{radians(90), 0, 0};  // image-up to the right wing
+  const Eigen::Vector3d rolling = camera_rate({0.5, 0, 0}, mount);
+  EXPECT_NEAR(rolling.x(), 0, 1e-12);
+  EXPECT_NEAR(rolling.y(), -0.5, 1e-12) << "the right wing goes down: image-up does";
+  const Attitude before{0.4, 0.1, -0.2}, after{0.4, 0.1, -0.2 + 0.003};
+  EXPECT_NEAR(camera_rate(before, after, 0.01).x(), 0.3, 1e-6);
+  EXPECT_EQ(camera_rate(before, before, 0.01).norm(), 0);
 }
 
 TEST(CameraAttitude, ComposesAircraftAndMount) {

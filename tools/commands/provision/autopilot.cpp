@@ -45,6 +45,8 @@ class ProvisionAutopilotCommand final : public Command {
   std::optional<std::string> id_;
   std::optional<std::int64_t> sequence_;
   std::optional<UtcTime> expires_;
+  std::optional<int> gimbal_component_;
+  int gimbal_device_ = 0;
   double yaw_deg_ = 0, pitch_deg_ = 0, roll_deg_ = 0, capture_delay_s_ = 0, patience_s_ = 10;
   int receiver_ = 1;
   bool apply_ = false;
@@ -71,7 +73,8 @@ void ProvisionAutopilotCommand::setup(Options& options) {
   options.value("--autopilot", url_, "URL", "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD")
       .required();
   options.flag("--apply", apply_, "change the autopilot; without it, only show");
-  options.value("--receiver", receiver_, "N", "GPS receiver that GPS_INPUT takes the place of; PX4: slot EKF2_AGP(N-1)").between(1, 2);
+  options.value("--receiver", receiver_, "N", "GPS receiver that GPS_INPUT takes the place of; PX4: slot EKF2_AGP(N-1)")
+      .between(1, 2);
   options.value("--signing-key", signing_key_, "FILE", "signing key of the link; created with --apply if missing");
   options.value("--airframe", id_, "ID", "write an airframe file with this id").needs("--camera");
   options.value("--camera", camera_, "FILE.yaml", "camera of the airframe").needs("--key");
@@ -86,6 +89,11 @@ void ProvisionAutopilotCommand::setup(Options& options) {
   options.value("--mount-yaw-deg", yaw_deg_, "DEG", "angle from the nose to image-up, clockwise").between(-360, 360);
   options.value("--mount-pitch-deg", pitch_deg_, "DEG", "pitch of the camera in the aircraft").between(-45, 45);
   options.value("--mount-roll-deg", roll_deg_, "DEG", "roll of the camera in the aircraft").between(-45, 45);
+  options
+      .value("--gimbal-component", gimbal_component_, "ID",
+             "the camera is on a gimbal, whose attitude this component sends (154; 1: the autopilot)")
+      .between(1, 255);
+  options.value("--gimbal-device", gimbal_device_, "ID", "number of the gimbal at that component").between(0, 255);
   options.value("--capture-delay-s", capture_delay_s_, "S", "delay from the exposure to the image").between(0, 5);
   options.value("--timeout-s", patience_s_, "S", "how long to wait for each answer")
       .between(0.1, 600)
@@ -126,13 +134,18 @@ std::optional<SigningKey> ProvisionAutopilotCommand::read_or_make_key(Context& c
 }
 
 Airframe ProvisionAutopilotCommand::airframe() const {
-  return {.id = *id_,
-          .camera = read_camera_file(*camera_),
-          .mount = {radians(yaw_deg_), radians(pitch_deg_), radians(roll_deg_)},
-          .capture_delay_s = capture_delay_s_,
-          .gps_id = static_cast<std::uint8_t>(receiver_ - 1),
-          .sequence = sequence_,
-          .expires = expires_};
+  Airframe airframe{.id = *id_,
+                    .camera = read_camera_file(*camera_),
+                    .mount = {radians(yaw_deg_), radians(pitch_deg_), radians(roll_deg_)},
+                    .capture_delay_s = capture_delay_s_,
+                    .gps_id = static_cast<std::uint8_t>(receiver_ - 1),
+                    .sequence = sequence_,
+                    .expires = expires_};
+  if (gimbal_component_) {
+    airframe.gimbal = {static_cast<std::uint8_t>(*gimbal_component_), static_cast<std::uint8_t>(gimbal_device_)};
+    airframe.camera.on_gimbal = true;
+  }
+  return airframe;
 }
 
 int ProvisionAutopilotCommand::run(Context& context) {
@@ -192,8 +205,9 @@ void ProvisionAutopilotCommand::report(Context& context, const AutopilotIdentity
     print_json(context.out, document);
     return;
   }
-  Figures figures{{"autopilot", fmt::format("{} {}, system {}", autopilot.name(), autopilot.version, autopilot.address.system)},
-                  {"identity", autopilot.uid}};
+  Figures figures{
+      {"autopilot", fmt::format("{} {}, system {}", autopilot.name(), autopilot.version, autopilot.address.system)},
+      {"identity", autopilot.uid}};
   for (const AutopilotParameter& one : parameters) {
     const std::string change = done ? fmt::format("was {}, is {}", one.present, one.wanted)
                                     : fmt::format("is {}, should be {}", one.present, one.wanted);

@@ -59,6 +59,7 @@ LivePose PoseAssembler::pose_of(const SimState& state, std::int64_t monotonic_us
   pose.place = state.place;
   pose.height_m = state.msl_m;
   pose.attitude = {state.yaw_rad, state.pitch_rad, state.roll_rad};
+  pose.rate_rad_s = {state.rate_rad_s.x, state.rate_rad_s.y, state.rate_rad_s.z};
   pose.velocity_enu_mps = enu(state.velocity);
   return pose;
 }
@@ -76,6 +77,7 @@ std::optional<LivePose> PoseAssembler::pose_of(const AircraftAttitude& attitude,
   pose.place = LocalFrame(position_->place).lonlat_from_plane({moved.x(), moved.y()});
   pose.height_m = position_->msl_m + moved.z();
   pose.attitude = {attitude.yaw_rad, attitude.pitch_rad, attitude.roll_rad};
+  pose.rate_rad_s = {attitude.rate_rad_s.x, attitude.rate_rad_s.y, attitude.rate_rad_s.z};
   return pose;
 }
 
