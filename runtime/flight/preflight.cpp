@@ -88,24 +88,20 @@ PartCheck find_stream(std::unique_ptr<Transport> transport, const Airframe& airf
   const double start_s = clock.monotonic_s();
   const auto us = [](double seconds) { return std::llround(seconds * 1e6); };
   Cadence hello(kHelloPeriod_s, start_s);
-  std::string missing;
   for (double now_s = start_s; now_s - start_s < limit_s && !interrupt_requested(); now_s = clock.monotonic_s()) {
     link.advance(us(now_s), [&](const ReceivedMessage& got) { finder.on_message(got.source, got.message); });
     if (hello.due(now_s)) link.send(OwnHeartbeat{SystemState::standby}, us(now_s));
     for (const CommandLong& request : finder.requests(now_s)) link.send(request, us(now_s));
-    try {
-      return {finder.uri(), {}};
-    } catch (const Error& error) {
-      missing = error.what();
-    }
+    if (const auto uri = finder.found()) return {*uri, {}};
     pollfd waited{link.transport().descriptor(), link.transport().events(), 0};
     ::poll(&waited, 1, static_cast<int>(kLook.count()));
   }
-  PartCheck check{missing, {}};
+  PartCheck check{finder.offered(), {}};
   check.findings.add({.code = "camera.no_stream",
                       .where = "--camera",
-                      .expected = fmt::format("a video stream of the MAVLink camera within {:.0f} s", limit_s),
-                      .found = missing,
+                      .expected = fmt::format(
+                          "an RTSP stream of the MAVLink camera, of the calibrated size, within {:.0f} s", limit_s),
+                      .found = check.found,
                       .fix = "check the camera's component id, and that the autopilot passes its messages on"});
   return check;
 }

@@ -71,6 +71,17 @@ void VideoStreamFinder::on_message(MavlinkAddress source, const IncomingMessage&
   }
 }
 
+std::optional<std::string> VideoStreamFinder::found() const {
+  const std::scoped_lock lock(mutex_);
+  const auto stream = chosen();
+  return stream ? std::optional(stream->uri) : std::nullopt;
+}
+
+std::string VideoStreamFinder::offered() const {
+  const std::scoped_lock lock(mutex_);
+  return what_it_said();
+}
+
 std::string VideoStreamFinder::uri() const {
   const std::scoped_lock lock(mutex_);
   if (const auto stream = chosen()) return stream->uri;

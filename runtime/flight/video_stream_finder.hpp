@@ -39,7 +39,9 @@ class VideoStreamFinder {
   // From any thread each.
   std::vector<CommandLong> requests(double now_s);  // that are due
   void on_message(MavlinkAddress source, const IncomingMessage& message);
-  std::string uri() const;  // throws Error: none is known, and why
+  std::optional<std::string> found() const;
+  std::string uri() const;      // the same; throws Error: none is known, and why
+  std::string offered() const;  // what the camera has said, for people
 
  private:
   std::optional<VideoStream> chosen() const;

@@ -143,6 +143,18 @@ TEST_F(Schemas, Airframe) {
   const Airframe back = parse_airframe(document.dump(), "test");
   EXPECT_EQ(back.sequence, airframe.sequence);
   EXPECT_EQ(back.expires, airframe.expires);
+  airframe.camera.readout = SensorReadout{0.024, SensorReadout::Direction::up};
+  airframe.camera.on_gimbal = true;
+  EXPECT_THROW(parse_airframe(airframe_json(airframe), "test"), UsageError) << "on no gimbal that is known";
+  airframe.gimbal = GimbalAddress{1, 2};
+  const json carried = json::parse(airframe_json(airframe));
+  EXPECT_TRUE(takes("airframe", carried)) << carried;
+  const Airframe moving = parse_airframe(carried.dump(), "test");
+  ASSERT_TRUE(moving.gimbal && moving.camera.readout);
+  EXPECT_EQ(moving.gimbal->component, 1);
+  EXPECT_EQ(moving.gimbal->device, 2);
+  EXPECT_DOUBLE_EQ(moving.camera.readout->duration_s, 0.024);
+  EXPECT_EQ(moving.camera.readout->direction, SensorReadout::Direction::up);
   document.erase("sequence");
   document.erase("expires");
   EXPECT_TRUE(takes("airframe", document)) << "of before they existed";
