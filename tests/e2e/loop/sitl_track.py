@@ -1,4 +1,5 @@
-"""What a ground station receives during a flight, compared with the simulator's truth (SIM_STATE)."""
+"""What a ground station receives during a flight, compared with the simulator's truth. Here for ArduPlane: SIM_STATE,
+our fix as GPS_RAW_INT."""
 import bisect
 import math
 import pathlib

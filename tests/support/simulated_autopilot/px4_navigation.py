@@ -2,11 +2,12 @@
 import math
 
 from .gauss_markov import GaussMarkov
-from .px4_filter import AuxiliaryPosition, ExternalVision, Gnss, Px4Filter
+from .px4_filter import AuxiliaryPosition, ExternalVision, Gnss, OldGnss, Px4Filter
 from .receiver import GpsSample, Receiver
 
 FRESH_S = 1.0
 SLOTS = 4
+GNSS_AGREES_FROM = (1, 17)  # ours keeps a GNSS out that disagrees
 
 
 class Given:
@@ -31,11 +32,11 @@ class Given:
 
 
 class Px4Navigation:
-    def __init__(self, random, plane, local, parameters):
+    def __init__(self, random, plane, local, parameters, version):
         self.aircraft, self.local = plane, local
         self.own, self.given = Receiver(random), Given()
         self.filter = Px4Filter(plane.north, plane.east, plane.velocity)
-        self.gnss = Gnss(self.filter, parameters)
+        self.gnss = (Gnss if version >= GNSS_AGREES_FROM else OldGnss)(self.filter, parameters)
         self.agp = [AuxiliaryPosition(self.filter, parameters, slot) for slot in range(SLOTS)]
         self.ev = ExternalVision(self.filter, parameters)
         self.parameters = parameters
