@@ -42,6 +42,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   attacks       attacks on the built programs, by attacker: what each gets for an answer (five minutes; --list, --only NAME, --json FILE)
   rules         every rule of docs/onboard.md in real time: eight short flights, what was seen and when (9 minutes; --only NAME)
   sitl          ArduPlane itself, in its own simulator, by nadird's fixes (--arduplane PATH; NOT RUN without; 6 minutes)
+  px4           PX4 itself, likewise (--px4 PATH; NOT RUN without; 7 minutes)
   soak          two hours of simulated flight at eight times real time: memory, file handles, threads
   sync          10 000 tiles uploaded over breaking lines, through every fault and 60 kills; and curl, rsync (5 minutes)
   contract      a client generated from the upload's OpenAPI file sends a batch (NADIR_BENCH_VENV with openapi-python-client)
@@ -118,7 +119,7 @@ part() {
     attacks)      one_program make_flights && build-venv/bin/python -B "$here/attacks.py" "$@" ;;
     rules)        build-venv/bin/python -B "$here/../e2e/rule_flights.py" "$@" ;;
     chaos)        build-venv/bin/python -B "$here/../e2e/chaos.py" "$@" ;;
-    sitl)         build-venv/bin/python -B "$here/../e2e/sitl.py" "$@" ;;
+    sitl | px4)   build-venv/bin/python -B "$here/../e2e/sitl.py" "$@" ;;
     soak)         one_program bench_fast_nadird && build-venv/bin/python -B "$here/../e2e/soak.py" "$@" ;;
     looks)        one_program bench_looks && build/bin/bench_looks "$@" ;;
     integrity)    one_program bench_integrity && build/bin/bench_integrity "$@" ;;
@@ -132,8 +133,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: build, suite, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, adjusted, adjustment, survey, desk, segments, large-flight, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
-  build | suite | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjusted | adjustment | survey | desk | segments | large-flight | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
+    echo "NOT RUN unless asked for: build, suite, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, px4, soak, latency, ablations, safety, flights, turns, consistency, smoothing, adjusted, adjustment, survey, desk, segments, large-flight, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
+  build | suite | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | px4 | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjusted | adjustment | survey | desk | segments | large-flight | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac
