@@ -30,6 +30,7 @@ LAPS = 1000
 TRUTH_HZ = 50
 
 PARAMETERS = {
+    "RWTO_TKOFF": 0,  # thrown: on the ground SIH drags its belly
     "SENS_EN_GPSSIM": 0, "MAV_USEHILGPS": 1,
     "MIS_TKO_LAND_REQ": 0,  # a circuit has no landing
     "COM_RC_IN_MODE": 4, "NAV_DLL_ACT": 0, "SYS_FAILURE_EN": 0,  # no sticks, and no ground station that it would miss
@@ -46,10 +47,11 @@ Place = collections.namedtuple("Place", "north east altitude velocity")
 class Px4Track(Track):
     """Our position is what nadird sends (a listener of its --logger), the receiver GPS_RAW_INT."""
 
+    version = "unknown"
+
     def _begin(self):
         super()._begin()
         self.origin = None  # of PX4's local frame
-        self.version = "unknown"
 
     def _hil_state_quaternion(self, message, now):
         if self._ahead_s is None:
@@ -219,7 +221,7 @@ class Px4:
         return [(dialect.MAV_CMD_NAV_TAKEOFF, above_home, PITCH_DEG, 0, *corners[1], TAKEOFF_M),
                 *((dialect.MAV_CMD_NAV_WAYPOINT, above_sea, 0, 0, *corner, altitude_m)
                   for corner in [*corners[1:], corners[0]]),
-                (dialect.MAV_CMD_DO_JUMP, above_sea, 1, LAPS, 0, 0, 0)]
+                (dialect.MAV_CMD_DO_JUMP, dialect.MAV_FRAME_MISSION, 1, LAPS, 0, 0, 0)]
 
     def happen(self, event, _flight):
         self.world.happen(event)

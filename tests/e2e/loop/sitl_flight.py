@@ -39,6 +39,7 @@ class SitlFlight(Flight):
         self.station = None
         self.on_circuit_s = None  # boot seconds
         self.done = []  # (boot seconds, what was done to it)
+        self.pace = None  # seconds of its clock in one of ours
 
     def __exit__(self, *error):
         if self.station is not None:
@@ -71,12 +72,13 @@ class SitlFlight(Flight):
         self.station.fly_mission()
         self.station.arm()
         self._climb()
-        self.on_circuit_s = self.track.now_s
+        self.on_circuit_s, begun = self.track.now_s, time.monotonic()
         while self.track.now_s < self.on_circuit_s + seconds:
             self.receive()
             for event in self.scenario.due(self.track.now_s - self.on_circuit_s):
                 self.vehicle.happen(event, self)
                 self.done.append((self.track.now_s, str(event)))
+        self.pace = (self.track.now_s - self.on_circuit_s) / (time.monotonic() - begun)
 
     def receive(self):
         self.station.receive()

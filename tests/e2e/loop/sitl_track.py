@@ -1,6 +1,7 @@
 """What a ground station receives during a flight, compared with the simulator's truth. Here for ArduPlane: SIM_STATE,
 our fix as GPS_RAW_INT."""
 import bisect
+import collections
 import math
 import pathlib
 import statistics
@@ -15,6 +16,7 @@ RESET_M = 5.0  # a step of the autopilot's position beyond what its velocity exp
 GLITCHING, CONST_POSITION = 1 << 15, 1 << 7  # of EKF_STATUS_REPORT
 POSITION_KNOWN = 1 << 4
 FIX_3D = 3
+CLOCK_WINDOW_S = 2
 
 
 class Track:
@@ -33,7 +35,7 @@ class Track:
         self.attitude = []  # (time, by how many degrees roll, pitch and heading are off)
         self.filter = []  # (time, flags, position variance)
         self.now_s = None
-        self._ahead_s = None  # of the boot clock to ours
+        self._ahead_s, self._aheads = None, collections.deque()  # of the boot clock to ours: now, and (our time, seconds)
         self._true_attitude = None  # (time, (roll, pitch, yaw), their rates), radians
 
     def __call__(self, message, now):
@@ -47,9 +49,11 @@ class Track:
     def _attitude(self, message, now):
         if self.now_s is not None and message.time_boot_ms / 1000 < self.now_s:
             self._begin()  # it was restarted
-        # The smallest delay observed is nearly zero.
-        ahead = message.time_boot_ms / 1000 - now
-        self._ahead_s = ahead if self._ahead_s is None else max(self._ahead_s - 1e-5, ahead)
+        # The smallest delay of the last seconds is nearly zero. Not of all: on a busy machine a simulator's clock falls behind.
+        self._aheads.append((now, message.time_boot_ms / 1000 - now))
+        while self._aheads[0][0] < now - CLOCK_WINDOW_S:
+            self._aheads.popleft()
+        self._ahead_s = max(ahead for _, ahead in self._aheads)
         self.now_s = message.time_boot_ms / 1000
         if self._true_attitude is not None:
             then_s, angles, rates = self._true_attitude

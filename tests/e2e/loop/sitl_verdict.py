@@ -24,6 +24,7 @@ class SitlVerdict:
 
     def figures(self):
         yield "autopilot", self.flight.vehicle.version(self.flight)
+        yield "its clock", f"{self.flight.pace:.3f} s in a second"
         for name, (from_s, to_s) in self.parts.items():
             if to_s <= from_s:
                 continue
