@@ -146,6 +146,12 @@ class Compared(unittest.TestCase):
         for expected, found in zip((0, 0, 3), self.track.attitude[-1][1:]):
             self.assertAlmostEqual(expected, found, 2)
 
+    def test_a_clock_that_falls_behind_is_followed(self):
+        for second in range(1, 11):
+            self.hear(dialect.MAVLink_attitude_message(10_000 + 900 * second, 0, 0, 0, 0, 0, 0), 100.0 + second)
+        self.assertAlmostEqual(10.9, self.track.boot_s(101.0), delta=0.3)
+        self.assertAlmostEqual(19.0, self.track.boot_s(110.0), delta=0.3)
+
     def test_the_version_names_the_commit(self):
         self.hear(dialect.MAVLink_autopilot_version_message(0, 0x01120040, 0, 0, 0, [8, 7, 6, 5, 4, 3, 2, 1], [0] * 8, [0] * 8, 0, 0, 1))
         self.assertEqual("PX4 1.18.0 (0102030405)", self.track.version)

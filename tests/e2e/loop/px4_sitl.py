@@ -54,7 +54,7 @@ class Px4Track(Track):
         self.origin = None  # of PX4's local frame
 
     def _hil_state_quaternion(self, message, now):
-        if self._ahead_s is None:
+        if not self._clock:
             return
         self._true_attitude = (self.boot_s(now), euler(message.attitude_quaternion),
                                (message.rollspeed, message.pitchspeed, message.yawspeed))
@@ -78,7 +78,7 @@ class Px4Track(Track):
 
     def give(self, message, now):
         """A position that nadird sent."""
-        if self._ahead_s is None:
+        if not self._clock:
             return
         if message.get_type() == "GLOBAL_POSITION_SENSOR":
             place, sigma = (message.lat * 1e-7, message.lon * 1e-7), message.eph
@@ -206,11 +206,13 @@ class Px4:
             self.world = World(flight.truth_port, flight.track.local, flight.track)
             self.world.start()
             links = [(station_port, "onboard", True), (flight.link_port, "onboard", True), (self.world.port, "custom", False)]
-            # PX4's start script looks for this one on PATH, and finds ours first.
+            # PX4's start script looks for these two on PATH, and finds ours first.
             (folder / "px4-rc.mavlink").write_text("\n".join(link_lines(links)) + "\n", encoding="ascii")
+            (folder / "px4-rc.simulator").write_text("".join(
+                f"param set {name} {value:g}\n" for name, value in self.parameters.items())
+                + ". etc/init.d-posix/px4-rc.simulator\n", encoding="ascii")
         lat, lon, height_m, _ = flight.home()
-        environment = {**{f"PX4_PARAM_{name}": str(value) for name, value in self.parameters.items()},
-                       "PX4_SIM_MODEL": "sihsim_airplane", "PX4_HOME_LAT": f"{lat:.7f}", "PX4_HOME_LON": f"{lon:.7f}",
+        environment = {"PX4_SIM_MODEL": "sihsim_airplane", "PX4_HOME_LAT": f"{lat:.7f}", "PX4_HOME_LON": f"{lon:.7f}",
                        "PX4_HOME_ALT": f"{height_m:.2f}", "PATH": f"{folder}:{os.environ['PATH']}"}
         return flight.programs.start("px4", ["env", "-C", folder, self.program, "-d", self.program.parent.parent / "etc"],
                                      environment)

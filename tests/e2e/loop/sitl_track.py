@@ -35,7 +35,8 @@ class Track:
         self.attitude = []  # (time, by how many degrees roll, pitch and heading are off)
         self.filter = []  # (time, flags, position variance)
         self.now_s = None
-        self._ahead_s, self._aheads = None, collections.deque()  # of the boot clock to ours: now, and (our time, seconds)
+        self._aheads = collections.deque()  # (our time, how far the boot clock is ahead of it), of the last seconds
+        self._clock = []  # the same, the largest of the last seconds, since the start
         self._true_attitude = None  # (time, (roll, pitch, yaw), their rates), radians
 
     def __call__(self, message, now):
@@ -44,7 +45,10 @@ class Track:
             handler(message, now)
 
     def boot_s(self, now):
-        return None if self._ahead_s is None else now + self._ahead_s
+        """Boot seconds of one of our times, also of a past one; None before the first."""
+        if not self._clock:
+            return None
+        return now + self._clock[max(0, bisect.bisect(self._clock, (now, math.inf)) - 1)][1]
 
     def _attitude(self, message, now):
         if self.now_s is not None and message.time_boot_ms / 1000 < self.now_s:
@@ -53,7 +57,7 @@ class Track:
         self._aheads.append((now, message.time_boot_ms / 1000 - now))
         while self._aheads[0][0] < now - CLOCK_WINDOW_S:
             self._aheads.popleft()
-        self._ahead_s = max(ahead for _, ahead in self._aheads)
+        self._clock.append((now, max(ahead for _, ahead in self._aheads)))
         self.now_s = message.time_boot_ms / 1000
         if self._true_attitude is not None:
             then_s, angles, rates = self._true_attitude
@@ -62,7 +66,7 @@ class Track:
             self.attitude.append((self.now_s, *map(math.degrees, off)))
 
     def _sim_state(self, message, now):
-        if self._ahead_s is not None:
+        if self._clock:
             self._true_attitude = (self.boot_s(now), (message.roll, message.pitch, message.yaw),
                                    (message.xgyro, message.ygyro, message.zgyro))
             self.truth.append((self.boot_s(now), *self.local.to_plane(message.lat_int * 1e-7, message.lon_int * 1e-7),
