@@ -132,6 +132,16 @@ class AuxiliaryPosition(unittest.TestCase):
         self.assertIn(("gps_input", "fusion timeout"), flight.resets())
         self.assertEqual(1, flight.vehicle.summary()["resets_by_gps_input"])
 
+    def test_without_gps_its_first_position_is_the_origin(self):
+        flight = Flight("0:gps-denied")
+        flight.silent = True
+        self.assertNotIn("GLOBAL_POSITION_INT", [m.get_type() for m in flight.fly(2).messages])
+        flight.silent = False
+        self.assertIn("GLOBAL_POSITION_INT", [m.get_type() for m in flight.fly(2).messages])
+        self.assertLess(math.dist(flight.vehicle.local.to_plane(flight.vehicle.navigation.origin.lat_deg,
+                                                                flight.vehicle.navigation.origin.lon_deg),
+                                  (flight.vehicle.plane.north, flight.vehicle.plane.east)), 100)
+
     def test_silence_stops_it(self):
         flight = Flight("5:gps-denied").fly(20)
         self.assertIn("agp", flight.vehicle.navigation.filter.active)
