@@ -118,6 +118,15 @@ class AuxiliaryPosition(unittest.TestCase):
         self.assertGreater(flight.fly(30).error(), 100)
         self.assertIn("own", [source for source, _ in flight.resets()])
 
+    def test_with_gps_switched_off_the_alarm_stays_what_it_was(self):
+        for version in ((1, 18), (1, 16)):
+            flight = Flight("5:gps-step=300@70", "20:gps-recover", version=version).fly(10)
+            self.assertTrue(flight.vehicle.navigation.gnss.rejected)
+            flight.vehicle.protocol.parameters["EKF2_GPS_CTRL"] = 0
+            self.assertTrue(flight.fly(20).vehicle.navigation.gnss.rejected, version)
+            flight.vehicle.protocol.parameters["EKF2_GPS_CTRL"] = 7
+            self.assertFalse(flight.fly(5).vehicle.navigation.gnss.rejected, version)
+
     def test_with_gps_switched_off_it_is_not(self):
         flight = Flight("5:gps-denied", "20:gps-recover", "20.1:gps-step=300@70", EKF2_GPS_CTRL=0).fly(30)
         self.assertEqual([], flight.resets())

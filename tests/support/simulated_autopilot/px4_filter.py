@@ -88,6 +88,13 @@ class Px4Filter(PositionFilter):
         self.last_velocity_s = now_s
 
 
+def glitches(filter_, parameters, sample):
+    """ESTIMATOR_GPS_GLITCH: whether the receiver's position is outside its gate, fused or not. Without a fix it is at
+    zero degrees. PX4 does not compute it while EKF2_GPS_CTRL is 0: the flag stays what it was."""
+    return sample.fix_type < 3 or not filter_.lets_in(
+        (sample.north, sample.east), max(sample.h_acc, parameters["EKF2_GPS_P_NOISE"]), parameters["EKF2_GPS_P_GATE"])
+
+
 class Gnss:
     """The aircraft's own receiver, by the rules since 1.17. Not simulated: the checks on the ground, yaw from velocities.
 
@@ -102,7 +109,7 @@ class Gnss:
     def __init__(self, filter_, parameters):
         self.filter, self.parameters = filter_, parameters
         self.last_pass_s = self.last_fail_s = None
-        self.rejected = False  # the last position: ESTIMATOR_GPS_GLITCH
+        self.rejected = False
         self.fault = False
         self.velocity_active = True  # it flies already
         self.last_fused_s = self.last_velocity_s = None
@@ -111,7 +118,9 @@ class Gnss:
     def receive(self, now_s, sample):
         if self.parameters["EKF2_GPS_CTRL"] == 0:
             self.stop()
-        elif self._passes(now_s, sample):
+            return
+        self.rejected = glitches(self.filter, self.parameters, sample)
+        if self._passes(now_s, sample):
             self._control_velocity(now_s, sample)
             self._control_position(now_s, sample)
         elif timed_out(now_s, self.last_pass_s, RESET_TIMEOUT_S):
@@ -157,7 +166,6 @@ class Gnss:
             return
         place, gate = (sample.north, sample.east), self.parameters["EKF2_GPS_P_GATE"]
         sigma = max(sample.h_acc, self.parameters["EKF2_GPS_P_NOISE"])
-        self.rejected = not self.filter.lets_in(place, sigma, gate)
         if "gnss" in self.filter.active:
             if self.filter.fuse_position(now_s, place, sigma, gate, "own"):
                 self.last_fused_s = now_s
@@ -200,7 +208,7 @@ class OldGnss:
     def __init__(self, filter_, parameters):
         self.filter, self.parameters = filter_, parameters
         self.last_pass_s = self.last_fail_s = None
-        self.rejected = False  # the last position: ESTIMATOR_GPS_GLITCH
+        self.rejected = False
         self.last_fused_s = None
         filter_.active.add("gnss")  # it flies already
 
@@ -209,6 +217,7 @@ class OldGnss:
         if control == 0:
             self.stop()
             return
+        self.rejected = glitches(self.filter, self.parameters, sample)
         good = sample.fix_type >= 3 and sample.h_acc <= self.REQUIRED_EPH_M and sample.s_acc <= self.REQUIRED_SACC
         if good:
             self.last_pass_s = now_s
@@ -232,9 +241,7 @@ class OldGnss:
         if control & self.VELOCITY:
             self.filter.fuse_velocity(now_s, sample.velocity, sample.s_acc, self.parameters["EKF2_GPS_V_GATE"])
         if control & self.POSITION:
-            fused = self.filter.fuse_position(now_s, place, sigma, self.parameters["EKF2_GPS_P_GATE"], "own")
-            self.rejected = not fused
-            if fused:
+            if self.filter.fuse_position(now_s, place, sigma, self.parameters["EKF2_GPS_P_GATE"], "own"):
                 self.last_fused_s = now_s
             elif self._must_reset(now_s):
                 self.filter.reset_velocity(now_s, sample.velocity, sample.s_acc)
@@ -243,7 +250,6 @@ class OldGnss:
 
     def stop(self):
         self.filter.active.discard("gnss")
-        self.rejected = False
 
     def _must_reset(self, now_s):
         """shouldResetGpsFusion. The times are those of any source: while ours is let in, GNSS does not reset."""
