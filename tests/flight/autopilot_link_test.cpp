@@ -42,22 +42,22 @@ class AutopilotLinkTest : public ::testing::Test {
     airframe.gps_id = 1;
     AutopilotLinkSetup setup{airframe, make_transport(parse_endpoint(peer_.endpoint())), std::nullopt};
     setup.switch_gps = true;
-    link_ = std::make_unique<AutopilotLink>(
-        std::move(setup), clock_, watch_,
-        AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) {
-                                  const std::scoped_lock lock(mutex_);
-                                  received_.emplace_back(now_s, message);
-                                },
-                                [this](double metres) {
-                                  const std::scoped_lock lock(mutex_);
-                                  jumps_m_.push_back(metres);
-                                },
-                                {},
-                                {},
-                                [this](DueFix due) {
-                                  const std::scoped_lock lock(mutex_);
-                                  due_.push_back(std::move(due));
-                                }});
+    link_ =
+        std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_,
+                                        AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) {
+                                                                  const std::scoped_lock lock(mutex_);
+                                                                  received_.emplace_back(now_s, message);
+                                                                },
+                                                                [this](double metres) {
+                                                                  const std::scoped_lock lock(mutex_);
+                                                                  jumps_m_.push_back(metres);
+                                                                },
+                                                                {},
+                                                                {},
+                                                                [this](DueFix due) {
+                                                                  const std::scoped_lock lock(mutex_);
+                                                                  due_.push_back(std::move(due));
+                                                                }});
     link_->start();
     peer_.listen_until([&] { return heartbeats() == 1; });
   }
