@@ -253,6 +253,7 @@ void AutopilotLink::recognize_autopilot(double now_s, const ReceivedMessage& mes
   } else if (const auto* parameter = std::get_if<ParameterValue>(&message.message)) {
     if (gps_switch_) {
       if (auto text = gps_switch_->on_message(*parameter)) outgoing_.put(*std::move(text));
+      gps_is_off_ = gps_switch_->is_off();
     }
     const auto changed = parameters_.on_message(*parameter);
     if (changed && listener_.on_parameter_changed) listener_.on_parameter_changed(*changed);

@@ -17,6 +17,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cerrno>
 #include <cmath>
 #include <cstdint>
@@ -158,6 +159,8 @@ class AutopilotLink {
   void send(OutgoingMessage message);
   // In flight once a second, from a thread that may wait for disks; at a clean end after stop().
   void save_signing_state(StreamTimestamps::When when);
+  // PX4 with switch_gps: its filter does not fuse GPS, and its glitch alarm says nothing of GPS as it is now.
+  bool gps_is_off() const { return gps_is_off_; }
   std::vector<std::string> faults() const;  // of the saved signing state, as it was read
   std::string signing_time_failure() const { return signing_time_ ? signing_time_->failure() : std::string(); }
 
@@ -220,6 +223,7 @@ class AutopilotLink {
   bool recognized_ = false;  // by a heartbeat
   ParameterWatch parameters_;
   std::optional<GpsFusionSwitch> gps_switch_;
+  std::atomic<bool> gps_is_off_ = false;
 
   struct ArrivedEstimate {
     FixInputRecord::ArrivedEstimate which;

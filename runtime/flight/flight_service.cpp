@@ -274,7 +274,9 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
   } else if (const auto* ekf = std::get_if<EkfStatus>(&received.message)) {
     if (ours) publish(EkfReport{now_s, ekf->horizontal_position_absolute, ekf->gps_glitching});
   } else if (const auto* estimator = std::get_if<EstimatorStatus>(&received.message)) {
-    if (ours) publish(EkfReport{now_s, estimator->horizontal_position_absolute, estimator->gps_glitching});
+    if (!ours) return;
+    const bool glitch = estimator->gps_glitching && !link_->gps_is_off();
+    publish(EkfReport{now_s, estimator->horizontal_position_absolute, glitch});
   } else if (stream_finder_ && received.source.system == airframe_.system) {
     stream_finder_->on_message(received.source, received.message);
     on_command(now_s, received);

@@ -35,15 +35,17 @@ std::optional<OutgoingMessage> GpsFusionSwitch::turn(double now_s, GpsVerdict ve
                       kInt32};
 }
 
+bool GpsFusionSwitch::is_off() const { return present_ && *present_ == kOff; }
+
 std::optional<StatusText> GpsFusionSwitch::on_message(const ParameterValue& value) {
   if (value.name != kParameter) return std::nullopt;
   present_ = value_of(value, ParameterEncoding::bytewise);
   if (!usual_) usual_ = present_;
-  const bool is_off = *present_ == kOff && *usual_ != kOff;
-  if (is_off == told_off_) return std::nullopt;
-  told_off_ = is_off;
+  const bool taken_out = is_off() && *usual_ != kOff;
+  if (taken_out == told_off_) return std::nullopt;
+  told_off_ = taken_out;
   return StatusText{TextSeverity::warning,
-                    is_off ? "Nadir: GPS taken out of PX4's filter" : "Nadir: GPS given back to PX4's filter"};
+                    taken_out ? "Nadir: GPS taken out of PX4's filter" : "Nadir: GPS given back to PX4's filter"};
 }
 
 }  // namespace nadir

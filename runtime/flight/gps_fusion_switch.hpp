@@ -25,6 +25,9 @@ class GpsFusionSwitch {
   // What the operator is told, once for each change that PX4 has confirmed.
   std::optional<StatusText> on_message(const ParameterValue& value);
 
+  // As PX4 said last. Then its GPS alarms are those of the moment when GPS was taken out.
+  bool is_off() const;
+
  private:
   MavlinkAddress autopilot_;
   std::optional<double> usual_, present_;

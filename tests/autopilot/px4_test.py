@@ -78,6 +78,13 @@ class AuxiliaryPosition(unittest.TestCase):
         self.assertEqual("gps_input", flight.vehicle.navigation.source)
         self.assertEqual([], flight.resets())
         self.assertTrue(flight.vehicle.navigation.gnss.rejected)
+        self.assertEqual({"agp"}, flight.vehicle.navigation.filter.active, "after seven seconds the receiver is faulty")
+
+    def test_a_faulty_receiver_is_taken_again_when_it_agrees(self):
+        flight = Flight("10:gps-step=300@70", "30:gps-recover").fly(35)
+        self.assertEqual({"agp", "gnss"}, flight.vehicle.navigation.filter.active)
+        self.assertEqual([], flight.resets())
+        self.assertLess(flight.error(), 8)
 
     def test_a_slow_drift_of_gps_wins_while_it_is_fused(self):
         """It is the more accurate of the two, and ours is in the end outside its gate."""
@@ -98,10 +105,27 @@ class AuxiliaryPosition(unittest.TestCase):
         self.assertIn(("own", "fusion timeout"), flight.resets())
         self.assertGreater(flight.error(), 250)
 
-    def test_a_receiver_that_returns_after_a_denial_is_taken_without_a_gate(self):
-        flight = Flight("5:gps-denied", "20:gps-recover", "20.1:gps-step=300@70").fly(30)
+    def test_a_receiver_that_returns_after_a_denial_is_taken_only_when_it_agrees(self):
+        spoofed = Flight("5:gps-denied", "20:gps-recover", "20.1:gps-step=300@70").fly(40)
+        self.assertEqual([], spoofed.resets())
+        self.assertLess(spoofed.error(), 8)
+        good = Flight("5:gps-denied", "20:gps-recover").fly(30)
+        self.assertEqual("own", good.vehicle.navigation.source)
+
+    def test_without_ours_a_receiver_that_returns_is_taken_without_a_gate(self):
+        flight = Flight("5:gps-denied", "20:gps-recover", "20.1:gps-step=300@70")
+        flight.silent = True
+        self.assertGreater(flight.fly(30).error(), 100)
         self.assertIn("own", [source for source, _ in flight.resets()])
-        self.assertGreater(flight.error(), 100)
+
+    def test_with_gps_switched_off_the_alarm_stays_what_it_was(self):
+        for version in ((1, 18), (1, 16)):
+            flight = Flight("5:gps-step=300@70", "20:gps-recover", version=version).fly(10)
+            self.assertTrue(flight.vehicle.navigation.gnss.rejected)
+            flight.vehicle.protocol.parameters["EKF2_GPS_CTRL"] = 0
+            self.assertTrue(flight.fly(20).vehicle.navigation.gnss.rejected, version)
+            flight.vehicle.protocol.parameters["EKF2_GPS_CTRL"] = 7
+            self.assertFalse(flight.fly(5).vehicle.navigation.gnss.rejected, version)
 
     def test_with_gps_switched_off_it_is_not(self):
         flight = Flight("5:gps-denied", "20:gps-recover", "20.1:gps-step=300@70", EKF2_GPS_CTRL=0).fly(30)
@@ -116,6 +140,16 @@ class AuxiliaryPosition(unittest.TestCase):
         flight.fly(8)
         self.assertIn(("gps_input", "fusion timeout"), flight.resets())
         self.assertEqual(1, flight.vehicle.summary()["resets_by_gps_input"])
+
+    def test_without_gps_its_first_position_is_the_origin(self):
+        flight = Flight("0:gps-denied")
+        flight.silent = True
+        self.assertNotIn("GLOBAL_POSITION_INT", [m.get_type() for m in flight.fly(2).messages])
+        flight.silent = False
+        self.assertIn("GLOBAL_POSITION_INT", [m.get_type() for m in flight.fly(2).messages])
+        self.assertLess(math.dist(flight.vehicle.local.to_plane(flight.vehicle.navigation.origin.lat_deg,
+                                                                flight.vehicle.navigation.origin.lon_deg),
+                                  (flight.vehicle.plane.north, flight.vehicle.plane.east)), 100)
 
     def test_silence_stops_it(self):
         flight = Flight("5:gps-denied").fly(20)
@@ -146,6 +180,13 @@ class Odometry(unittest.TestCase):
         """While GNSS is fused, the position is relative to a bias that follows it."""
         self.assertGreater(Flight("5:gps-drag=3@70", **self.OLD).fly(50).error(), 80)
         self.assertLess(Flight("5:gps-drag=3@70", EKF2_GPS_CTRL=0, **self.OLD).fly(50).error(), 8)
+
+    def test_before_1_17_a_receiver_that_returns_is_taken_without_a_gate(self):
+        events = ("5:gps-denied", "20:gps-recover", "20.1:gps-step=300@70")
+        flight = Flight(*events, **self.OLD).fly(30)
+        self.assertIn("own", [source for source, _ in flight.resets()])
+        self.assertGreater(flight.error(), 100)
+        self.assertLess(Flight(*events, version=(1, 17)).fly(30).error(), 8)
 
     def test_an_announced_jump_resets_at_once(self):
         flight = Flight("5:gps-denied", **self.OLD).fly(20)

@@ -44,6 +44,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   attacks       attacks on the built programs, by attacker: what each gets for an answer (five minutes; --list, --only NAME, --json FILE)
   rules         every rule of docs/onboard.md in real time: eight short flights, what was seen and when (9 minutes; --only NAME)
   sitl          ArduPlane itself, in its own simulator, by nadird's fixes (--arduplane PATH; NOT RUN without; 6 minutes)
+  px4           PX4 itself, likewise (--px4 PATH; NOT RUN without; 7 minutes)
   soak          two hours of simulated flight at eight times real time: memory, file handles, threads
   sync          10 000 tiles uploaded over breaking lines, through every fault and 60 kills; and curl, rsync (5 minutes)
   contract      a client generated from the upload's OpenAPI file sends a batch (NADIR_BENCH_VENV with openapi-python-client)
@@ -122,7 +123,7 @@ part() {
     attacks)      one_program make_flights && build-venv/bin/python -B "$here/attacks.py" "$@" ;;
     rules)        build-venv/bin/python -B "$here/../e2e/rule_flights.py" "$@" ;;
     chaos)        build-venv/bin/python -B "$here/../e2e/chaos.py" "$@" ;;
-    sitl)         build-venv/bin/python -B "$here/../e2e/sitl.py" "$@" ;;
+    sitl | px4)   build-venv/bin/python -B "$here/../e2e/sitl.py" "$@" ;;
     soak)         one_program bench_fast_nadird && build-venv/bin/python -B "$here/../e2e/soak.py" "$@" ;;
     looks)        one_program bench_looks && build/bin/bench_looks "$@" ;;
     integrity)    one_program bench_integrity && build/bin/bench_integrity "$@" ;;

@@ -15,23 +15,11 @@ import sys
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from loop import harness
 from loop.bad_readers import BadReaders
-from loop.flight import AUTOPILOTS, Flight, Setup
+from loop.flight import AUTOPILOTS, SCENARIOS, Flight, Setup
 from loop.inputs import Inputs
 from loop.page import write_page
 from loop.rules import judge, lines_of
 from loop.verdict import Verdict, timeline
-
-SCENARIOS = {
-    "denied": ["60:gps-denied"],
-    "spoofed": ["60:gps-step=300@70"],
-    "dragged": ["60:gps-drag=2@70"],
-    "blackout": ["60:gps-denied", "120:camera-cut", "135:camera-restore"],
-    "recovery": ["60:gps-step=300@70", "150:gps-recover"],
-    "link": ["60:gps-denied", "120:link-cut", "128:link-restore"],
-    "clock": ["60:gps-denied", "120:clock-step=3600", "180:clock-step=-7200"],
-    "compass": ["0:compass=9", "60:gps-denied"],
-    "demo": ["60:gps-step=300@70", "80:camera-cut", "92:camera-restore", "105:gps-recover"],
-}
 
 
 def arguments():

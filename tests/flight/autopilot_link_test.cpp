@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cstring>
 #include <map>
 #include <mutex>
 #include <thread>
@@ -38,22 +39,24 @@ class AutopilotLinkTest : public ::testing::Test {
   explicit AutopilotLinkTest(Airframe airframe = {}) {
     airframe.system = 7;
     airframe.gps_id = 1;
-    link_ = std::make_unique<AutopilotLink>(
-        AutopilotLinkSetup{airframe, make_transport(parse_endpoint(peer_.endpoint())), std::nullopt}, clock_, watch_,
-        AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) {
-                                  const std::scoped_lock lock(mutex_);
-                                  received_.emplace_back(now_s, message);
-                                },
-                                [this](double metres) {
-                                  const std::scoped_lock lock(mutex_);
-                                  jumps_m_.push_back(metres);
-                                },
-                                {},
-                                {},
-                                [this](DueFix due) {
-                                  const std::scoped_lock lock(mutex_);
-                                  due_.push_back(std::move(due));
-                                }});
+    AutopilotLinkSetup setup{airframe, make_transport(parse_endpoint(peer_.endpoint())), std::nullopt};
+    setup.switch_gps = true;
+    link_ =
+        std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_,
+                                        AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) {
+                                                                  const std::scoped_lock lock(mutex_);
+                                                                  received_.emplace_back(now_s, message);
+                                                                },
+                                                                [this](double metres) {
+                                                                  const std::scoped_lock lock(mutex_);
+                                                                  jumps_m_.push_back(metres);
+                                                                },
+                                                                {},
+                                                                {},
+                                                                [this](DueFix due) {
+                                                                  const std::scoped_lock lock(mutex_);
+                                                                  due_.push_back(std::move(due));
+                                                                }});
     link_->start();
     peer_.listen_until([&] { return heartbeats() == 1; });
   }
@@ -195,6 +198,23 @@ TEST_F(AutopilotLinkTest, Px4IsRecognizedAndGetsItsOwnMessages) {
   EXPECT_NEAR(position.lat * 1e-7, kPlace.lat_deg, 1e-6);
   EXPECT_TRUE(peer_.fixes().empty()) << "GPS_INPUT is ArduPilot's";
   EXPECT_EQ(link_->state().missing, "");
+}
+
+TEST_F(AutopilotLinkTest, KnowsWhetherPx4FusesGps) {
+  autopilot_beats(MAV_AUTOPILOT_PX4);
+  second();
+  EXPECT_FALSE(link_->gps_is_off());
+  for (const int control : {0, 7}) {
+    mavlink_message_t message;
+    mavlink_param_value_t value{};
+    std::memcpy(&value.param_value, &control, sizeof control);
+    value.param_type = MAV_PARAM_TYPE_INT32;
+    std::strncpy(value.param_id, "EKF2_GPS_CTRL", sizeof value.param_id);
+    mavlink_msg_param_value_encode(7, 1, &message, &value);
+    peer_.send(message);
+    second();
+    EXPECT_EQ(link_->gps_is_off(), control == 0);
+  }
 }
 
 TEST_F(AutopilotLinkTest, AnotherAutopilotGetsNothing) {

@@ -29,12 +29,15 @@ TEST(GpsFusionSwitch, TakesGpsOutAndGivesItBack) {
   EXPECT_EQ(set_to(gps.turn(2, GpsVerdict::spoofed)), 0);
   EXPECT_FALSE(gps.turn(2.1, GpsVerdict::spoofed)) << "not in every turn";
   EXPECT_EQ(set_to(gps.turn(2.6, GpsVerdict::spoofed)), 0) << "until it is confirmed";
+  EXPECT_FALSE(gps.is_off());
   EXPECT_TRUE(gps.on_message(control(0)));
+  EXPECT_TRUE(gps.is_off());
   EXPECT_FALSE(gps.on_message(control(0))) << "the operator is told once";
   EXPECT_FALSE(gps.turn(4, GpsVerdict::spoofed));
   EXPECT_FALSE(gps.turn(5, GpsVerdict::unknown)) << "only a trusted one comes back";
   EXPECT_EQ(set_to(gps.turn(6, GpsVerdict::trusted)), 7);
   EXPECT_TRUE(gps.on_message(control(7)));
+  EXPECT_FALSE(gps.is_off());
   EXPECT_EQ(set_to(gps.turn(8, GpsVerdict::denied)), 0);
 }
 

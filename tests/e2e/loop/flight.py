@@ -17,6 +17,18 @@ AUTOPILOTS = {
     "px4": (["--px4", "1.18"], ["EKF2_AGP0_ID=1", "EKF2_AGP0_CTRL=1", "EKF2_AGP0_GATE=5", "EKF2_HGT_REF=0"]),
     "px4-1.17": (["--px4", "1.17"], ["EKF2_EV_CTRL=1", "EKF2_HGT_REF=0"]),
 }
+# "SECONDS:ACTION[=VALUE[@BEARING]]": simulated_autopilot/scenario.py.
+SCENARIOS = {
+    "denied": ["60:gps-denied"],
+    "spoofed": ["60:gps-step=300@70"],
+    "dragged": ["60:gps-drag=2@70"],
+    "blackout": ["60:gps-denied", "120:camera-cut", "135:camera-restore"],
+    "recovery": ["60:gps-step=300@70", "150:gps-recover"],
+    "link": ["60:gps-denied", "120:link-cut", "128:link-restore"],
+    "clock": ["60:gps-denied", "120:clock-step=3600", "180:clock-step=-7200"],
+    "compass": ["0:compass=9", "60:gps-denied"],
+    "demo": ["60:gps-step=300@70", "80:camera-cut", "92:camera-restore", "105:gps-recover"],
+}
 HERE = pathlib.Path(__file__).resolve().parent
 AUTOPILOT = HERE.parent.parent / "support" / "autopilot.py"
 

@@ -1,4 +1,4 @@
-"""A ground station's end of a link to ArduPlane, with pymavlink: parameters, a mission, arming, and status texts."""
+"""A ground station's end of a link to ArduPlane or PX4, with pymavlink: parameters, a mission, arming, and status texts."""
 import time
 
 from pymavlink import mavutil
@@ -6,13 +6,12 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 PATIENCE_S = 30
 SIGNING_EPOCH = 1420070400  # 2015-01-01
-AUTO = 10  # ArduPlane's number of the mode
-RATES = {"SIM_STATE": 25, "GLOBAL_POSITION_INT": 10, "GPS_RAW_INT": 10, "GPS2_RAW": 5, "EKF_STATUS_REPORT": 5, "ATTITUDE": 10,
-         "SYSTEM_TIME": 1}
 
 
 class GroundStation:
-    def __init__(self, port):
+    def __init__(self, port, vehicle):
+        """vehicle: ArduPlane or Px4."""
+        self.vehicle = vehicle
         self.link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=255, dialect="ardupilotmega")
         self.listeners = []
         self.texts = []  # (monotonic seconds, severity, text)
@@ -47,20 +46,20 @@ class GroundStation:
             if message is not None and wanted(message):
                 return message
         last = "; ".join(text for _, _, text in self.texts[-5:])
-        raise SystemExit(f"ArduPlane: no {what} in {patience_s} s; it said last: {last or 'nothing'}")
+        raise SystemExit(f"{self.vehicle.name}: no {what} in {patience_s} s; it said last: {last or 'nothing'}")
 
     def meet(self):
         """Its first heartbeat; then asks for what is watched."""
         def beats(message):
-            return message.get_type() == "HEARTBEAT" and message.autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
+            return message.get_type() == "HEARTBEAT" and message.autopilot == self.vehicle.autopilot
         beat = self.wait_for("heartbeat", beats)
         self.link.target_system, self.link.target_component = beat.get_srcSystem(), beat.get_srcComponent()
         self.ask_for_all()
 
     def ask_for_all(self):
-        for name, rate in RATES.items():
+        for name, rate in self.vehicle.rates.items():
             self.ask_for(name, rate)
-        self.command(dialect.MAV_CMD_DO_SEND_BANNER)  # its version, among the texts
+        self.command(*self.vehicle.ask_for_version)
 
     def ask_for(self, name, rate_hz):
         self.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, getattr(dialect, f"MAVLINK_MSG_ID_{name}"), round(1e6 / rate_hz))
@@ -79,14 +78,14 @@ class GroundStation:
                       and m.result == dialect.MAV_RESULT_ACCEPTED, send)
 
     def upload(self, items):
-        """items: (command, frame, param1, lat_deg, lon_deg, altitude_m), the first being home."""
+        """items: (command, frame, param1, param2, lat_deg, lon_deg, altitude_m)."""
         self.link.mav.mission_count_send(*self._target(), len(items))
         while True:
             message = self.wait_for("request for the mission", lambda m: m.get_type() in (
                 "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK"))
             if message.get_type() == "MISSION_ACK":
                 if message.type != dialect.MAV_MISSION_ACCEPTED:
-                    raise SystemExit(f"ArduPlane refuses the mission ({message.type})")
+                    raise SystemExit(f"{self.vehicle.name} refuses the mission ({message.type})")
                 return
             number, frame, first, second, lat, lon, height = items[message.seq]
             self.link.mav.mission_item_int_send(*self._target(), message.seq, frame, number, 0, 1, first, second, 0, 0,
@@ -97,7 +96,7 @@ class GroundStation:
         self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
 
     def fly_mission(self):
-        self.command(dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, AUTO)
+        self.command(dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *self.vehicle.mode)
 
     def _target(self):
         return self.link.target_system, self.link.target_component

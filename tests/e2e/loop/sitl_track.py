@@ -1,5 +1,7 @@
-"""What a ground station receives during a flight, compared with the simulator's truth (SIM_STATE)."""
+"""What a ground station receives during a flight, compared with the simulator's truth. Here for ArduPlane: SIM_STATE,
+our fix as GPS_RAW_INT."""
 import bisect
+import collections
 import math
 import pathlib
 import statistics
@@ -14,6 +16,7 @@ RESET_M = 5.0  # a step of the autopilot's position beyond what its velocity exp
 GLITCHING, CONST_POSITION = 1 << 15, 1 << 7  # of EKF_STATUS_REPORT
 POSITION_KNOWN = 1 << 4
 FIX_3D = 3
+CLOCK_WINDOW_S = 2
 
 
 class Track:
@@ -32,7 +35,8 @@ class Track:
         self.attitude = []  # (time, by how many degrees roll, pitch and heading are off)
         self.filter = []  # (time, flags, position variance)
         self.now_s = None
-        self._ahead_s = None  # of the boot clock to ours
+        self._aheads = collections.deque()  # (our time, how far the boot clock is ahead of it), of the last seconds
+        self._clock = []  # the same, the largest of the last seconds, since the start
         self._true_attitude = None  # (time, (roll, pitch, yaw), their rates), radians
 
     def __call__(self, message, now):
@@ -41,14 +45,19 @@ class Track:
             handler(message, now)
 
     def boot_s(self, now):
-        return None if self._ahead_s is None else now + self._ahead_s
+        """Boot seconds of one of our times, also of a past one; None before the first."""
+        if not self._clock:
+            return None
+        return now + self._clock[max(0, bisect.bisect(self._clock, (now, math.inf)) - 1)][1]
 
     def _attitude(self, message, now):
         if self.now_s is not None and message.time_boot_ms / 1000 < self.now_s:
             self._begin()  # it was restarted
-        # The smallest delay observed is nearly zero.
-        ahead = message.time_boot_ms / 1000 - now
-        self._ahead_s = ahead if self._ahead_s is None else max(self._ahead_s - 1e-5, ahead)
+        # The smallest delay of the last seconds is nearly zero. Not of all: on a busy machine a simulator's clock falls behind.
+        self._aheads.append((now, message.time_boot_ms / 1000 - now))
+        while self._aheads[0][0] < now - CLOCK_WINDOW_S:
+            self._aheads.popleft()
+        self._clock.append((now, max(ahead for _, ahead in self._aheads)))
         self.now_s = message.time_boot_ms / 1000
         if self._true_attitude is not None:
             then_s, angles, rates = self._true_attitude
@@ -57,7 +66,7 @@ class Track:
             self.attitude.append((self.now_s, *map(math.degrees, off)))
 
     def _sim_state(self, message, now):
-        if self._ahead_s is not None:
+        if self._clock:
             self._true_attitude = (self.boot_s(now), (message.roll, message.pitch, message.yaw),
                                    (message.xgyro, message.ygyro, message.zgyro))
             self.truth.append((self.boot_s(now), *self.local.to_plane(message.lat_int * 1e-7, message.lon_int * 1e-7),

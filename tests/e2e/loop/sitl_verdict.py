@@ -1,9 +1,8 @@
-"""The figures of a flight of ArduPlane's simulator, its timeline, and their limits."""
-from .arduplane import version
+"""The figures of a flight of an autopilot's own simulator, its timeline, and their limits."""
 from .evidence import WRONG_M, WRONG_SIGMAS
 
 MAX_FILTER_ERROR_M, MAX_FIX_ERROR_M = 50, 50
-MAX_DEVIATION_M = 150  # at its sharp corners it overshoots by 105 m, however accurate its position
+MAX_DEVIATION_M = 150  # at its sharp corners ArduPlane overshoots by 105 m, however accurate its position
 SETTLED_S = 3  # after the fault
 
 
@@ -24,7 +23,8 @@ class SitlVerdict:
         self.parts = {"before": (flight.on_circuit_s, trouble_s), "after": (trouble_s + SETTLED_S, end_s)}
 
     def figures(self):
-        yield "autopilot", next((v for v in map(version, self.texts()) if v), "unknown")
+        yield "autopilot", self.flight.vehicle.version(self.flight)
+        yield "its clock", f"{self.flight.pace:.3f} s in a second"
         for name, (from_s, to_s) in self.parts.items():
             if to_s <= from_s:
                 continue
@@ -66,7 +66,7 @@ class SitlVerdict:
     def timeline(self):
         """Lines in order of time."""
         boot, flight = self.track.boot_s, self.flight
-        lines = [(boot(at), "arduplane", text) for at, _, text in flight.station.texts if boot(at) is not None]
+        lines = [(boot(at), flight.vehicle.name, text) for at, _, text in flight.station.texts if boot(at) is not None]
         lines += [(at, "done to it", what) for at, what in flight.done]
         lines += [(flight.on_circuit_s, "flight", "on the circuit, at its height")]
         lines += [(boot(at), "service", f"{what}: {before} -> {now} {reason if what == 'state' else ''}".rstrip())
@@ -75,6 +75,3 @@ class SitlVerdict:
 
     def clock(self, boot_s):
         return f"{boot_s - self.flight.on_circuit_s:8.1f} s"
-
-    def texts(self):
-        return [text for _, _, text in self.flight.station.texts]

@@ -8,6 +8,8 @@ From PX4's sources, src/modules/ekf2/EKF: a measurement is rejected when the inn
     auxiliary position   aid_sources/aux_global_position/aux_global_position_control.cpp: GLOBAL_POSITION_SENSOR
     external vision      aid_sources/external_vision/ev_control.cpp, ev_pos_control.cpp: ODOMETRY
 
+GNSS has other rules since 1.17 (Gnss) than before (OldGnss).
+
 They are fused side by side, each by its own gate. Between them the filter integrates accelerations and is bound by
 airspeed and wind, as position_filter.py. Both axes share one covariance.
 """
@@ -33,6 +35,16 @@ class Px4Filter(PositionFilter):
 
     def other_position_source(self, source):
         return bool(self.active - {source})
+
+    def position_ratio(self, place, sigma, gate):
+        """Sum of both axes' squared innovations, in squared gates."""
+        return math.dist(place, self.position) ** 2 / (gate ** 2 * (self.pp + sigma ** 2))
+
+    def lets_in(self, place, sigma, gate):
+        return max(abs(place[axis] - self.position[axis]) for axis in (0, 1)) <= gate * math.sqrt(self.pp + sigma ** 2)
+
+    def velocity_ratio(self, velocity, sigma, gate):
+        return math.dist(velocity[:2], self.velocity) ** 2 / (gate ** 2 * (self.vv + max(MIN_VELOCITY_NOISE, sigma) ** 2))
 
     def fuse_position(self, now_s, place, sigma, gate, source):
         """True when it was let in."""
@@ -76,8 +88,119 @@ class Px4Filter(PositionFilter):
         self.last_velocity_s = now_s
 
 
+def glitches(filter_, parameters, sample):
+    """ESTIMATOR_GPS_GLITCH: whether the receiver's position is outside its gate, fused or not. Without a fix it is at
+    zero degrees. PX4 does not compute it while EKF2_GPS_CTRL is 0: the flag stays what it was."""
+    return sample.fix_type < 3 or not filter_.lets_in(
+        (sample.north, sample.east), max(sample.h_acc, parameters["EKF2_GPS_P_NOISE"]), parameters["EKF2_GPS_P_GATE"])
+
+
 class Gnss:
-    """The aircraft's own receiver. Not simulated: the checks' drift on the ground, yaw from velocities."""
+    """The aircraft's own receiver, by the rules since 1.17. Not simulated: the checks on the ground, yaw from velocities.
+
+    Position and velocity start and stop by themselves. Neither is reset while another source aids (EKF2_GPS_MODE 0,
+    automatic): a receiver that has been out of its gate for 7 s is stopped as faulty, and one that returns is taken only
+    when it agrees."""
+    MAX_ACCURACY_M, MAX_SACC = 50.0, 10.0  # in flight: gnss_checks.cpp
+    UNDISTURBED_S = 1.0  # a tenth of EKF2_REQ_GPS_H
+    POSITION, VELOCITY = 1, 4  # bits of EKF2_GPS_CTRL
+    AGREES = 0.25  # sum of both axes' squared innovations, in squared gates
+
+    def __init__(self, filter_, parameters):
+        self.filter, self.parameters = filter_, parameters
+        self.last_pass_s = self.last_fail_s = None
+        self.rejected = False
+        self.fault = False
+        self.velocity_active = True  # it flies already
+        self.last_fused_s = self.last_velocity_s = None
+        filter_.active.add("gnss")
+
+    def receive(self, now_s, sample):
+        if self.parameters["EKF2_GPS_CTRL"] == 0:
+            self.stop()
+            return
+        self.rejected = glitches(self.filter, self.parameters, sample)
+        if self._passes(now_s, sample):
+            self._control_velocity(now_s, sample)
+            self._control_position(now_s, sample)
+        elif timed_out(now_s, self.last_pass_s, RESET_TIMEOUT_S):
+            self.stop()
+
+    def stop(self):
+        self._stop_position()
+        self.velocity_active = False
+
+    def _passes(self, now_s, sample):
+        good = sample.fix_type >= 3 and sample.h_acc <= self.MAX_ACCURACY_M and sample.s_acc <= self.MAX_SACC
+        if good:
+            self.last_pass_s = now_s
+        else:
+            self.last_fail_s = now_s
+        return good and timed_out(now_s, self.last_fail_s, self.UNDISTURBED_S)
+
+    def _control_velocity(self, now_s, sample):
+        filter_, gate = self.filter, self.parameters["EKF2_GPS_V_GATE"]
+        if not self.parameters["EKF2_GPS_CTRL"] & self.VELOCITY or self.fault:
+            self.velocity_active = False
+            return
+        if self.velocity_active:
+            if filter_.fuse_velocity(now_s, sample.velocity, sample.s_acc, gate):
+                self.last_velocity_s = now_s
+            elif not timed_out(now_s, self.last_velocity_s, RESET_TIMEOUT_S):
+                return
+            elif self._alone():
+                filter_.reset_velocity(now_s, sample.velocity, sample.s_acc)
+                self.last_velocity_s = now_s
+            else:
+                self.velocity_active = False
+        elif filter_.velocity_ratio(sample.velocity, sample.s_acc, gate) < self.AGREES:
+            self.velocity_active = filter_.fuse_velocity(now_s, sample.velocity, sample.s_acc, gate)
+            self.last_velocity_s = now_s
+        elif self._alone():
+            filter_.reset_velocity(now_s, sample.velocity, sample.s_acc)
+            self.velocity_active, self.last_velocity_s = True, now_s
+
+    def _control_position(self, now_s, sample):
+        if not self.parameters["EKF2_GPS_CTRL"] & self.POSITION:
+            self._stop_position()
+            return
+        place, gate = (sample.north, sample.east), self.parameters["EKF2_GPS_P_GATE"]
+        sigma = max(sample.h_acc, self.parameters["EKF2_GPS_P_NOISE"])
+        if "gnss" in self.filter.active:
+            if self.filter.fuse_position(now_s, place, sigma, gate, "own"):
+                self.last_fused_s = now_s
+            elif timed_out(now_s, self.last_fused_s, RESET_TIMEOUT_S):
+                if self._alone():
+                    self._reset(now_s, place, sigma, "fusion timeout")
+                else:
+                    self._stop_position()
+                    self.fault = True
+        elif self.filter.position_ratio(place, sigma, gate) < self.AGREES:
+            self.filter.fuse_position(now_s, place, sigma, gate, "own")
+            self._start(now_s)
+        elif self._alone() and not self.fault:
+            self._reset(now_s, place, sigma, ANOTHER)
+            self._start(now_s)
+
+    def _alone(self):
+        """Airspeed and sideslip bind the velocity, but then the filter says that it is dead reckoning, which counts as none."""
+        return not self.filter.other_position_source("gnss")
+
+    def _start(self, now_s):
+        self.filter.active.add("gnss")
+        self.last_fused_s, self.fault = now_s, False
+
+    def _reset(self, now_s, place, sigma, reason):
+        self.filter.reset_position(now_s, place, sigma, "own", reason)
+        self.last_fused_s = now_s
+
+    def _stop_position(self):
+        self.filter.active.discard("gnss")
+
+
+class OldGnss:
+    """The aircraft's own receiver, by the rules before 1.17. Not simulated: the checks' drift on the ground, yaw from
+    velocities."""
     REQUIRED_EPH_M, REQUIRED_SACC = 3.0, 0.5  # EKF2_REQ_EPH, EKF2_REQ_SACC
     UNDISTURBED_S = 1.0  # a tenth of EKF2_REQ_GPS_H
     POSITION, VELOCITY = 1, 4  # bits of EKF2_GPS_CTRL
@@ -85,7 +208,7 @@ class Gnss:
     def __init__(self, filter_, parameters):
         self.filter, self.parameters = filter_, parameters
         self.last_pass_s = self.last_fail_s = None
-        self.rejected = False  # the last position: ESTIMATOR_GPS_GLITCH
+        self.rejected = False
         self.last_fused_s = None
         filter_.active.add("gnss")  # it flies already
 
@@ -94,6 +217,7 @@ class Gnss:
         if control == 0:
             self.stop()
             return
+        self.rejected = glitches(self.filter, self.parameters, sample)
         good = sample.fix_type >= 3 and sample.h_acc <= self.REQUIRED_EPH_M and sample.s_acc <= self.REQUIRED_SACC
         if good:
             self.last_pass_s = now_s
@@ -117,9 +241,7 @@ class Gnss:
         if control & self.VELOCITY:
             self.filter.fuse_velocity(now_s, sample.velocity, sample.s_acc, self.parameters["EKF2_GPS_V_GATE"])
         if control & self.POSITION:
-            fused = self.filter.fuse_position(now_s, place, sigma, self.parameters["EKF2_GPS_P_GATE"], "own")
-            self.rejected = not fused
-            if fused:
+            if self.filter.fuse_position(now_s, place, sigma, self.parameters["EKF2_GPS_P_GATE"], "own"):
                 self.last_fused_s = now_s
             elif self._must_reset(now_s):
                 self.filter.reset_velocity(now_s, sample.velocity, sample.s_acc)
@@ -128,7 +250,6 @@ class Gnss:
 
     def stop(self):
         self.filter.active.discard("gnss")
-        self.rejected = False
 
     def _must_reset(self, now_s):
         """shouldResetGpsFusion. The times are those of any source: while ours is let in, GNSS does not reset."""

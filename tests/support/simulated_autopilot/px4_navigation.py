@@ -2,11 +2,13 @@
 import math
 
 from .gauss_markov import GaussMarkov
-from .px4_filter import AuxiliaryPosition, ExternalVision, Gnss, Px4Filter
+from .px4_filter import AuxiliaryPosition, ExternalVision, Gnss, OldGnss, Px4Filter
+from .px4_projection import MapProjection
 from .receiver import GpsSample, Receiver
 
 FRESH_S = 1.0
 SLOTS = 4
+GNSS_AGREES_FROM = (1, 17)  # ours keeps a GNSS out that disagrees
 
 
 class Given:
@@ -31,11 +33,11 @@ class Given:
 
 
 class Px4Navigation:
-    def __init__(self, random, plane, local, parameters):
+    def __init__(self, random, plane, local, parameters, version):
         self.aircraft, self.local = plane, local
         self.own, self.given = Receiver(random), Given()
         self.filter = Px4Filter(plane.north, plane.east, plane.velocity)
-        self.gnss = Gnss(self.filter, parameters)
+        self.gnss = (Gnss if version >= GNSS_AGREES_FROM else OldGnss)(self.filter, parameters)
         self.agp = [AuxiliaryPosition(self.filter, parameters, slot) for slot in range(SLOTS)]
         self.ev = ExternalVision(self.filter, parameters)
         self.parameters = parameters
@@ -63,6 +65,8 @@ class Px4Navigation:
             self._next_own_s = now_s + Receiver.PERIOD
             self.own_sample = self.own.sample(self.aircraft)
             self.gnss.receive(now_s, self.own_sample)
+            if self.own_sample.fix_type >= 3:
+                self._begin_at(self.local.to_degrees(self.own_sample.north, self.own_sample.east))
         self.source = self._leads(now_s)
 
     def receive_global_position(self, now_s, message):
@@ -74,6 +78,7 @@ class Px4Navigation:
             return "id"
         if not math.isfinite(message.eph):
             return "numbers"
+        self._begin_at((message.lat * 1e-7, message.lon * 1e-7))
         return self._noted(now_s, slot.receive(now_s, place, message.eph))
 
     def receive_odometry(self, now_s, message):
@@ -86,6 +91,11 @@ class Px4Navigation:
         variance = [message.pose_covariance[i] for i in (0, 6, 11)]
         self.given.note(now_s, *place, math.sqrt(variance[0]))
         return self._noted(now_s, self.ev.receive(now_s, place, variance, message.reset_counter))
+
+    def _begin_at(self, place):
+        """The first position of a source in degrees is the origin; the barometer says its height."""
+        if self.origin is None:
+            self.origin, self.origin_altitude = MapProjection(*place), self.altitude()
 
     def altitude(self):
         return self.aircraft.altitude + self.height_error.value

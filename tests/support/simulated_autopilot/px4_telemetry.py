@@ -21,6 +21,10 @@ class Px4Telemetry(Telemetry):
                                                  dialect.MAV_STATE_ACTIVE if self.vehicle.armed else
                                                  dialect.MAV_STATE_STANDBY, 3)
 
+    def global_position_int(self):
+        """None while PX4 has no origin."""
+        return None if self.vehicle.navigation.origin is None else super().global_position_int()
+
     def timesync(self):
         return dialect.MAVLink_timesync_message(0, self.vehicle.boot_ms() * 1_000_000)
 

@@ -23,18 +23,17 @@ class Receiver:
         self.offset = [0.0, 0.0]
         self.drag = (0.0, 0.0)
 
-    def deny(self):
-        self.denied = True
-
-    def shift(self, metres, bearing):
-        self.offset[0] += metres * math.cos(bearing)
-        self.offset[1] += metres * math.sin(bearing)
-
-    def drag_off(self, speed, bearing):
-        self.drag = (speed * math.cos(bearing), speed * math.sin(bearing))
-
-    def recover(self):
-        self.denied, self.offset, self.drag = False, [0.0, 0.0], (0.0, 0.0)
+    def happen(self, event):
+        """What a scenario does to it; any other event leaves it alone."""
+        north, east = ((event.value or 0) * share for share in (math.cos(event.bearing), math.sin(event.bearing)))
+        if event.action == "gps-denied":
+            self.denied = True
+        elif event.action == "gps-step":
+            self.offset = [self.offset[0] + north, self.offset[1] + east]
+        elif event.action == "gps-drag":
+            self.drag = (north, east)
+        elif event.action == "gps-recover":
+            self.denied, self.offset, self.drag = False, [0.0, 0.0], (0.0, 0.0)
 
     def sample(self, plane):
         """Once every PERIOD. A spoofer reports velocities consistent with its positions."""

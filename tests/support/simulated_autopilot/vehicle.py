@@ -59,7 +59,8 @@ class Vehicle:
         self.scenario = Scenario(options.events)
         if options.px4_version:
             self.protocol, self.telemetry = Px4Protocol(self, link, options.faults), Px4Telemetry(self)
-            self.navigation = Px4Navigation(self._random("navigation"), self.plane, self.local, self.protocol.parameters)
+            self.navigation = Px4Navigation(self._random("navigation"), self.plane, self.local, self.protocol.parameters,
+                                            options.px4_version)
             if not any(event.action == "gps-denied" and event.time_s == 0 for event in options.events):
                 self.navigation.origin = MapProjection(*options.corners[0])  # where it had its first GPS fix
                 self.navigation.origin_altitude = options.terrain.height(*options.corners[0])
@@ -151,16 +152,8 @@ class Vehicle:
         return self.steps % round(period / STEP_S) == 0
 
     def _happen(self, event):
-        own = self.navigation.own
-        if event.action == "gps-denied":
-            own.deny()
-        elif event.action == "gps-step":
-            own.shift(event.value, event.bearing)
-        elif event.action == "gps-drag":
-            own.drag_off(event.value, event.bearing)
-        elif event.action == "gps-recover":
-            own.recover()
-        elif event.action in ("link-cut", "link-restore"):
+        self.navigation.own.happen(event)
+        if event.action in ("link-cut", "link-restore"):
             self.link.cut = event.action == "link-cut"
         elif event.action in ("camera-cut", "camera-restore"):
             self.camera_cut = event.action == "camera-cut"
