@@ -45,7 +45,7 @@ def run(programs, *args, good=(0, 1)):
 
 
 def tool(*args):
-    subprocess.run([*map(str, args)], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([*map(str, args)], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 def add_stretch(world, draw):
@@ -241,12 +241,18 @@ def judge_levels(flights):
             sorted_flown = sorted(f for _, f in part)
             print(f"    {sum(p for p, _ in part) / len(part):6.0f} m  {sorted_flown[len(part) // 2]:6.0f} m  {sorted_flown[min(len(part) - 1, len(part) * 9 // 10)]:6.0f} m"
                   f"  {100 * sum(p >= f for p, f in part) / len(part):5.1f} %  {len(part)}")
-    for name, first in (("all frames", 0), ("after a flight's first four", 4)):
-        part = [(known(look["hpl_m"]), known(level)) for flight in flights for look, _, level in flight[first:]]
+    def begun(flight):
+        """From the first frame on whose level was within 100 m: what is lost then is lost in flight, not at the start."""
+        first = next((i for i, (_, _, level) in enumerate(flight) if known(level) <= 100), len(flight))
+        return flight[first:]
+    for name, part_of in (("all frames", lambda flight: flight), ("after a flight's first four", lambda flight: flight[4:]), ("after the start was confirmed", begun)):
+        part = [(known(look["hpl_m"]), known(level)) for flight in flights for look, _, level in part_of(flight)]
         for limit in (50, 100):
             beyond, warned = [p for p, f in part if f > limit], [f for p, f in part if p > limit]
             print(f"    {name}: beyond {limit} m in flight {len(beyond)}, of them predicted {sum(p > limit for p in beyond)}; "
                   f"predicted beyond {len(warned)}; of {len(part)}")
+    lost = [[known(look["hpl_m"]) > 100 for look, _, level in begun(flight) if known(level) > 100] for flight in flights]
+    print(f"    flights that were lost after their start was confirmed: {sum(map(bool, lost))} of {len(flights)}, of them foreseen in some frame: {sum(map(any, lost))}")
     print("    share of flights predicted beyond the alert limit, flown beyond 100 m, frames")
     for low, high in ((0, 0.02), (0.02, 0.1), (0.1, 0.3), (0.3, 0.7), (0.7, 1.01)):
         part = [(share, f > 100) for _, f, share in levels if low <= share < high]
@@ -272,10 +278,12 @@ def main():
         run(args.programs, "keys", "create", "--out", args.work / "planner")
         run(args.programs, "keys", "root", "--root-key", args.work / "root.key.pem", "--package-signer", args.work / "planner.pub.pem",
             "--expires", "2099-01-01", "--out", args.work / "root.json")
-    flights = []
+    flights, kinds = [], []
     if args.seeds[1] >= args.seeds[0]:
         for seed in range(args.seeds[0], args.seeds[1] + 1):
             flights += [frames_of(*files, SPACING_M) for files in fly(args.programs, args.work, seed, args.flights, args.stretches)]
+            stretch = args.work / f"s{seed}" / "stretch"
+            kinds += [stretch.read_text() if args.stretches else ""] * (len(flights) - len(kinds))
             print(f"seed {seed}: {len(flights)} flights", file=sys.stderr)
     if args.fit:
         if args.seeds[1] >= 1_000_000:
@@ -283,6 +291,11 @@ def main():
         print("kLookOffset, kLookPerRatio, kLookPerLogFootprint:", *(f"{weight:.3f}" for weight in fit(flights)))
     judge("simulated", flights)
     judge_levels(flights)
+    for kind in sorted(set(kinds)):
+        part = [flight for flight, of in zip(flights, kinds) if of == kind]
+        if kind:
+            judge(f"simulated, {kind}", part)
+            judge_levels(part)
     for name, prediction, estimates, truth, spacing in args.recorded:
         flown = [frames_of(pathlib.Path(prediction), pathlib.Path(estimates), pathlib.Path(truth), float(spacing))]
         judge(name, flown)
