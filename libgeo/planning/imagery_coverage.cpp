@@ -16,7 +16,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::int64_t kSecondsOfDay = 86'400;
+constexpr std::int64_t kDay_s = 86'400;
 constexpr std::size_t kPixels = std::size_t{kTileSize} * kTileSize;
 
 struct OpenedImagery {
@@ -68,7 +68,7 @@ json imagery_coverage_geojson(const Mission& mission, const MapSources& sources,
     Bytes any(kPixels, 0), good(kPixels, 0);
     for (const auto& [source, tiles] : imagery) {
       add_valid_pixels(*tiles, key, any);
-      const bool fresh = source.captured_at && (at.unix_s - source.captured_at->unix_s) <= limit_days * kSecondsOfDay;
+      const bool fresh = source.captured_at && (at.unix_s - source.captured_at->unix_s) <= limit_days * kDay_s;
       if (fresh && source.gsd_m <= mission.min_resolution_m) add_valid_pixels(*tiles, key, good);
     }
     const auto area_m2 = [&](ByteView pixels) {
@@ -81,8 +81,9 @@ json imagery_coverage_geojson(const Mission& mission, const MapSources& sources,
       if (without[i] != 0) unusable[i] = 0;
     }
     needed_m2 += area_m2(need.missing_mask(footprint, {}));
-    for (const auto& [reason, mask] :
-         {std::pair("no imagery", &without), std::pair("imagery too old or too coarse", &unusable)}) {
+    const std::pair<const char*, const Bytes*> gaps[] = {{"no imagery", &without},
+                                                         {"imagery too old or too coarse", &unusable}};
+    for (const auto& [reason, mask] : gaps) {
       const double gap_m2 = area_m2(*mask);
       if (gap_m2 == 0) continue;
       missing_m2 += gap_m2;
