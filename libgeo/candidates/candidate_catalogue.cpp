@@ -37,14 +37,6 @@ class CatalogueTransaction {
   bool committed_ = false;
 };
 
-CatalogueLayout candidate_catalogue_layout() {
-  return {.format = "nadir.candidate-catalogue/1",
-          .schema = "nadir_candidates",
-          .spatialite = candidate_sql::spatialite,
-          .postgis = candidate_sql::postgis,
-          .maker = "nadir-candidates serve"};
-}
-
 Sha256 digest_from(const CatalogueRow& row, const char* column) {
   const auto parsed = Sha256::from_hex(row.text(column));
   if (parsed) return *parsed;
@@ -131,6 +123,17 @@ TileRow tile_from(const CatalogueRow& row, bool with_sidecar) {
 }
 
 }  // namespace
+
+CatalogueLayout candidate_catalogue_layout() {
+  return {.format = "nadir.candidate-catalogue/1",
+          .schema = "nadir_candidates",
+          .spatialite = candidate_sql::spatialite,
+          .postgis = candidate_sql::postgis,
+          .spatialite_views = candidate_sql::spatialite_views,
+          .postgis_views = candidate_sql::postgis_views,
+          .last_view = "promotion_states",
+          .maker = "nadir-candidates serve"};
+}
 
 CandidateCatalogue::CandidateCatalogue(const CatalogueLocation& location, Access access)
     : database_(location, access, candidate_catalogue_layout()) {}

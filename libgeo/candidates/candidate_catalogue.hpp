@@ -16,8 +16,10 @@ namespace nadir {
 
 // The texts of catalogue_spatialite.sql and catalogue_postgis.sql.
 namespace candidate_sql {
-extern const std::string_view spatialite, postgis;
+extern const std::string_view spatialite, postgis, spatialite_views, postgis_views;
 }
+
+CatalogueLayout candidate_catalogue_layout();
 
 class CandidateCatalogue {
  public:

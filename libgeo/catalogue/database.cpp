@@ -89,7 +89,7 @@ CatalogueLayout fleet_catalogue() {
           .postgis = catalogue_sql::postgis,
           .spatialite_views = catalogue_sql::spatialite_views,
           .postgis_views = catalogue_sql::postgis_views,
-          .first_view = "package_states",
+          .last_view = "gap_states",
           .maker = "nadir catalogue add"};
 }
 
@@ -111,7 +111,7 @@ CatalogueDatabase::CatalogueDatabase(const CatalogueLocation& location, Access a
     }
   }
   check_format();
-  if (access == Access::write && !layout_.first_view.empty()) add_views();
+  if (access == Access::write) add_views();
 }
 
 CatalogueDatabase::~CatalogueDatabase() {
@@ -236,18 +236,23 @@ void CatalogueDatabase::create_schema() {
   commit();
 }
 
+bool CatalogueDatabase::has_views() {
+  const bool postgres = location_.kind == CatalogueLocation::Kind::postgres;
+  return query_value(postgres ? fmt::format("SELECT 1 FROM pg_views WHERE schemaname = '{}' AND viewname = '{}'",
+                                            layout_.schema, layout_.last_view)
+                              : fmt::format("SELECT 1 FROM sqlite_master WHERE type = 'view' AND name = '{}'",
+                                            layout_.last_view))
+      .has_value();
+}
+
 // A user of a server who may write rows but not create views does without them.
 void CatalogueDatabase::add_views() {
+  if (has_views()) return;
   const bool postgres = location_.kind == CatalogueLocation::Kind::postgres;
-  const std::string known =
-      postgres ? fmt::format("SELECT viewname FROM pg_views WHERE schemaname = '{}' AND viewname = '{}'",
-                             layout_.schema, layout_.first_view)
-               : fmt::format("SELECT name FROM sqlite_master WHERE type = 'view' AND name = '{}'", layout_.first_view);
-  if (query_value(known) == layout_.first_view) return;
   try {
     begin();
     // Of two processes the second one finds them.
-    if (query_value(known) != layout_.first_view) {
+    if (!has_views()) {
       for (const std::string& statement : statements_of(postgres ? layout_.postgis_views : layout_.spatialite_views)) {
         execute(statement, "creating the catalogue's views");
       }

@@ -53,8 +53,8 @@ struct CatalogueLayout {
   std::string schema;           // of the tables in PostgreSQL: letters, digits and _
   std::string_view spatialite;  // the statements that create the tables
   std::string_view postgis;
-  // Views for people, or none: added when a catalogue without them is opened for writing. first_view: one of them.
-  std::string_view spatialite_views{}, postgis_views{}, first_view{};
+  // Views for people: added when a catalogue that lacks the last one of them is opened for writing.
+  std::string_view spatialite_views, postgis_views, last_view;
   std::string maker;  // the command that creates one, for messages: "nadir catalogue add"
 };
 
@@ -95,6 +95,8 @@ class CatalogueDatabase {
   // The number of rows of this package.
   std::int64_t count(const char* table, std::int64_t package_id);
   void erase(const char* table, const char* column, std::int64_t value);
+
+  bool has_views();
 
   [[noreturn]] void fail(std::string what) const;  // throws Error with the database's message
 

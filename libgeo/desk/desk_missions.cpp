@@ -14,6 +14,7 @@
 #include "http/multipart.hpp"
 #include "map_page/map_page.hpp"
 #include "package/mission_check.hpp"
+#include "planning/imagery_coverage.hpp"
 #include "planning/mission_document.hpp"
 #include "planning/planning_room.hpp"
 
@@ -22,8 +23,9 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t kMostTiles = 4000;   // of a layer
-constexpr std::size_t kMostSources = 100;  // of a job
+constexpr std::size_t kMostTiles = 4000;        // of a layer
+constexpr std::size_t kMostImageryTiles = 150;  // that coverage by imagery is looked at in: a second or two
+constexpr std::size_t kMostSources = 100;       // of a job
 
 json findings_list(const Findings& findings) {
   json list = json::array();
@@ -282,6 +284,11 @@ ApiResponse layer(const DeskRoute& route, const PlanningRoom& room, const Stored
     auto prediction = room.prediction(mission);
     if (!prediction) return unknown("layer", "nothing was predicted yet: run the step \"predict\"");
     return geojson_answer(*std::move(prediction));
+  }
+  if (route.tile == "imagery") {
+    if (!mission.reading.mission) return unknown("layer", "the mission is not complete yet");
+    return geojson_answer(
+        imagery_coverage_geojson(*mission.reading.mission, room.sources(), now, kMostImageryTiles).dump());
   }
   const std::shared_ptr<const PlannedPackage> package = room.package(mission);
   if (!package) return unknown("package", "the mission has no package yet");

@@ -147,7 +147,8 @@ std::optional<DeskRoute> mission_route(const std::vector<std::string>& parts, st
   } else if (parts.size() == 5 && what == "jobs" && parts[4] == "latest") {
     route.path = DeskPath::mission_job, route.methods = "GET, HEAD, DELETE";
   } else if (parts.size() == 5 && what == "layers" &&
-             (parts[4] == "tiles" || parts[4] == "gaps" || parts[4] == "prediction" || parts[4] == "vectors")) {
+             (parts[4] == "tiles" || parts[4] == "gaps" || parts[4] == "prediction" || parts[4] == "vectors" ||
+              parts[4] == "imagery")) {
     route.path = DeskPath::mission_layer, route.tile = parts[4];
   } else if (parts.size() == 7 && what == "tiles") {
     route.path = DeskPath::mission_tile, route.tile = tile_address(parts, 4);

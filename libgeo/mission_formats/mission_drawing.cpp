@@ -17,25 +17,42 @@ constexpr double kFar_m = 200'000;  // a mission's largest distance from its tak
 constexpr std::size_t kNamedLines = 10;
 constexpr double kUsualHalfWidth_m = 100, kUsualAgl_m = 120;
 
+// By which a line is chosen: its name, or its number where it has none or shares it with others, as drawings of GIS
+// programs do.
+std::vector<std::string> names_to_choose(const std::vector<DrawnLine>& lines) {
+  std::vector<std::string> names;
+  for (const DrawnLine& line : lines) {
+    const auto same =
+        std::count_if(lines.begin(), lines.end(), [&](const auto& other) { return other.name == line.name; });
+    names.push_back(line.name.empty() || same > 1 ? fmt::format("line {}", names.size() + 1) : line.name);
+  }
+  return names;
+}
+
 const DrawnLine* choose_route(const MissionDrawing& drawing, const MissionImportOptions& options,
                               const std::string& where) {
-  const DrawnLine* chosen = nullptr;
-  std::size_t matching = 0, named = 0;
-  std::string names;
-  for (const DrawnLine& line : drawing.lines) {
-    if (++named <= kNamedLines) names += (names.empty() ? "\"" : ", \"") + printable(line.name) + "\"";
-    if (named == kNamedLines + 1) names += ", …";
-    if (options.route && line.name != *options.route) continue;
-    chosen = &line;
-    ++matching;
+  const std::vector<std::string> names = names_to_choose(drawing.lines);
+  if (options.route) {
+    const auto chosen = std::find(names.begin(), names.end(), *options.route);
+    if (chosen != names.end()) return &drawing.lines[static_cast<std::size_t>(chosen - names.begin())];
+  } else if (drawing.lines.size() == 1) {
+    return &drawing.lines.front();
+  } else if (drawing.lines.empty() && !drawing.areas.empty()) {
+    return nullptr;  // an area alone
   }
-  if (matching == 1) return chosen;
-  if (drawing.lines.empty() && !options.route && !drawing.areas.empty()) return nullptr;  // an area alone
+  std::string found = drawing.lines.empty() ? "no lines" : count(drawing.lines.size(), "line") + ":";
+  for (std::size_t i = 0; i < std::min(names.size(), kNamedLines); ++i) {
+    found += fmt::format("{} \"{}\"", i > 0 ? "," : "", printable(names[i]));
+  }
+  if (names.size() > kNamedLines) found += ", …";
+  if (drawing.lines.empty()) {
+    for (const Finding& note : drawing.notes.items()) found += "; " + note.found;
+  }
   throw UsageError(
       {.what = "it is unclear which line is the route",
        .where = where,
        .expected = options.route ? "one line named \"" + *options.route + "\"" : "one line, or areas alone",
-       .found = drawing.lines.empty() ? "no lines" : fmt::format("{}: {}", count(drawing.lines.size(), "line"), names),
+       .found = found,
        .fix = drawing.lines.empty() ? "draw the route as a line" : "select one: --route NAME"});
 }
 

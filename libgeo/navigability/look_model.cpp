@@ -38,8 +38,13 @@ std::uint64_t number_of(LonLat place, int probe) {
 
 }  // namespace
 
+bool is_bare(const ProbedGround& look) {
+  constexpr double kRounding = 1e-9;
+  return look.valid >= kMinValidShare && look.log_score <= std::log(kLeastLookScore) + kRounding;
+}
+
 double anchor_probability(const ProbedGround& look) {
-  if (look.valid < kMinValidShare) return 0;
+  if (look.valid < kMinValidShare || is_bare(look)) return 0;
   const double sum =
       kLookOffset + kLookPerRatio * look.ratio + kLookPerLogFootprint * std::log(look.footprint_m / look.map_gsd_m);
   return 1 / (1 + std::exp(-sum));

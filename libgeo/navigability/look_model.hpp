@@ -7,9 +7,9 @@
 //   P = 1 / (1 + exp(-(b0 + b1 ratio + b2 ln(footprint / pixel of the map))))
 //
 // ratio: the mean over the probes, of the best score elsewhere over the score here; the score itself says nothing more
-// beside it. A frame of which the map shows too little has P = 0. Coefficients and where
-// they come from: kLook… in navigability_parameters.hpp; how well they do on flights that they were not fitted to:
-// docs/benchmarks.md.
+// beside it. A frame of which the map shows too little has P = 0, and so has one in which nothing correlates with
+// itself. Coefficients and where they come from: kLook… in navigability_parameters.hpp; how well they do on flights
+// that they were not fitted to: docs/benchmarks.md.
 #pragma once
 
 #include <cstdint>
@@ -32,6 +32,9 @@ struct ProbedGround {
 
   bool operator==(const ProbedGround&) const = default;
 };
+
+// Nothing there correlates, not even with the same ground: water, snow. Nothing can be matched or tracked.
+bool is_bare(const ProbedGround& look);
 
 double anchor_probability(const ProbedGround& look);
 

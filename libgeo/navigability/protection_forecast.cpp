@@ -23,6 +23,7 @@ namespace {
 
 namespace look = parameters::anchor_measurement;
 namespace odometry = parameters::visual_odometry;
+namespace search_window = parameters::search_window;
 
 double squared(double x) { return x * x; }
 double logit(double p) { return std::log(p / (1 - p)); }
@@ -105,6 +106,7 @@ class AxisFilter {
 
 // How likely odometry tracks a frame, by how much of it the one before shows.
 double tracked_probability(const ForecastFrame& frame) {
+  if (frame.bare) return 0;
   const double overlap = 1 - frame.way_m / frame.along_m;
   return std::clamp((overlap - kLeastTrackedOverlap) / (kSureTrackedOverlap - kLeastTrackedOverlap), 0.0, 1.0);
 }
@@ -144,7 +146,7 @@ class DrawnFlight {
   };
 
   double radius_m() const {
-    using namespace parameters::search_window;
+    using namespace search_window;
     const double least_m = kMinRadius_m * (1 + std::min(failures_ / kFailuresPerRing, kMaxRings));
     return std::clamp(kReachSigmas * std::sqrt(filter_.variance_m2()), least_m, kMaxRadius_m);
   }
@@ -171,7 +173,8 @@ class DrawnFlight {
     const double east = random_.normal(), north = random_.normal();
     const double across = random_.uniform(), up = random_.uniform(), chance = random_.uniform();
     const double margin = logit(std::min(frame.probability, 1 - 1e-9)) - logit(share);
-    if (frame.probability > 0 && margin > -kFoundLogit) {
+    lost_ = lost_ || search_window::kReachSigmas * std::sqrt(filter_.variance_m2()) > search_window::kMaxRadius_m;
+    if (!lost_ && frame.probability > 0 && margin > -kFoundLogit) {
       const double evidence = kEvidenceOffset + kEvidencePerLogit * margin + kEvidenceScatter * scatter;
       const Candidate expected = candidate_at(frame.place, evidence, frame);
       const double off_m = std::sqrt(expected.candidate.covariance_m2(0, 0));
@@ -220,7 +223,7 @@ class DrawnFlight {
   double ground_ = 0;  // the latent variable of the looks
   double since_anchor_m_ = 0;
   int failures_ = 0;
-  bool first_ = true, anchored_ = false, unbroken_ = true;
+  bool first_ = true, anchored_ = false, unbroken_ = true, lost_ = false;
 };
 
 // In place. Infinite where too many are.

@@ -27,6 +27,10 @@
 //   d' = d
 //
 // measured by accepted looks, z = p + r, and, where neighbouring frames overlap, by odometry, z = p' - p + way d + r.
+// Over bare ground (look_model.hpp) odometry does not track. A flight whose search window would be wider than the
+// localizer's widest is lost: from then on the localizer searches the whole area, which this forecast does not count
+// on.
+//
 // How far off it is, is drawn as well: the start's velocity is not known at all, so that the second look finds its
 // place a step away from the prediction.
 //
@@ -56,6 +60,7 @@ struct ForecastFrame {
   double way_m = 0;    // likewise
   double turn_rad = 0;
   double probability = 0;  // that the look finds its place
+  bool bare = false;       // ground without structure: odometry does not track either
 };
 
 struct ForecastSetup {

@@ -125,6 +125,7 @@ FlownFrames frames_along(const std::vector<PredictedLook>& looks, const LocalFra
     next.fine_gsd_m = matching_scale(options.camera, next.agl_m, a.features.map_gsd_m).fine_gsd_m;
     next.map_sigma_m = a.map_sigma_m;
     next.probability = a.probability + share * (b.probability - a.probability);
+    next.bare = is_bare((share < 0.5 ? a : b).features);
     if (!flown.frames.empty()) {
       const Eigen::Vector2d way = next.place - flown.frames.back().place;
       const double course = std::atan2(way.x(), way.y());

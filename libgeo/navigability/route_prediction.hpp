@@ -4,9 +4,9 @@
 // level that the integrity monitor would state. The flight is drawn many times, look by look, with the belief that
 // flies (protection_forecast.hpp); stated is the level that nine flights of ten stay below.
 //
-// The start: a position that a person gave is wrong more often than the integrity risk. Until looks at different ground have
-// agreed the level is beyond any limit, on every route, for a few footprints. This is stated as start_m and is no leg;
-// a start that takes longer is one, with its reason.
+// The start: a position that a person gave is wrong more often than the integrity risk. Until looks at different ground
+// have agreed the level is beyond any limit, on every route, for a few footprints. This is stated as start_m and is no
+// leg; a start that takes longer is one, with its reason.
 //
 // A leg is a section of the route with one verdict: good where P is high, poor where it is low, fair between them, and
 // beyond the alert limit where the level exceeds it. Poor legs and those beyond the limit carry the reason, and what

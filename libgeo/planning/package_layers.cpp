@@ -147,25 +147,32 @@ json tiles_geojson(const PlannedPackage& package, UtcTime at, std::size_t most) 
   return {{"type", "FeatureCollection"}, {"features", std::move(features)}};
 }
 
+namespace {
+
+json geometry_json(const TileKey& key, const std::vector<PixelPolygon>& outlines) {
+  json polygons = json::array();
+  for (const PixelPolygon& polygon : outlines) polygons.push_back(polygon_json(key, polygon));
+  const bool one = polygons.size() == 1;
+  return {{"type", one ? "Polygon" : "MultiPolygon"}, {"coordinates", one ? polygons[0] : polygons}};
+}
+
+}  // namespace
+
+json pixels_geojson(const TileKey& key, ByteView mask) { return geometry_json(key, outlines_of(mask)); }
+
 json gaps_geojson(const std::vector<Gap>& gaps, const Mission& mission, std::span<const Sidecar> tiles) {
   const LocalFrame frame = mission_frame(mission);
   json features = json::array();
   for (const Gap& gap : gaps) {
-    json polygons = json::array();
-    for (const PixelPolygon& polygon : outlines_of(gap, mission, tiles)) {
-      polygons.push_back(polygon_json(gap.key, polygon));
-    }
     const Sector* sector = governing_sector(mission, frame, gap.key);
-    const bool one = polygons.size() == 1;
-    features.push_back(
-        {{"type", "Feature"},
-         {"geometry", {{"type", one ? "Polygon" : "MultiPolygon"}, {"coordinates", one ? polygons[0] : polygons}}},
-         {"properties",
-          {{"tile", to_text(gap.key)},
-           {"zoom", gap.key.z},
-           {"reason", gap.whole_tile ? "no tile" : "empty pixels"},
-           {"area_m2", rounded_to(gap.area_m2, 10)},
-           {"sector", sector == nullptr ? json() : json(sector->id)}}}});
+    features.push_back({{"type", "Feature"},
+                        {"geometry", geometry_json(gap.key, outlines_of(gap, mission, tiles))},
+                        {"properties",
+                         {{"tile", to_text(gap.key)},
+                          {"zoom", gap.key.z},
+                          {"reason", gap.whole_tile ? "no tile" : "empty pixels"},
+                          {"area_m2", rounded_to(gap.area_m2, 10)},
+                          {"sector", sector == nullptr ? json() : json(sector->id)}}}});
   }
   return {{"type", "FeatureCollection"}, {"features", std::move(features)}};
 }

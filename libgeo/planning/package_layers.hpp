@@ -45,6 +45,9 @@ std::optional<Bytes> vectors_of(const PlannedPackage& package);
 // with the oldest date, the coarsest resolution and the worst accuracy of the finest tiles in it.
 nlohmann::json tiles_geojson(const PlannedPackage& package, UtcTime at, std::size_t most);
 
+// A geometry of RFC 7946 along the edges of the pixels of this tile that are not 0 (kTileSize² bytes in rows).
+nlohmann::json pixels_geojson(const TileKey& key, ByteView mask);
+
 // One feature per tile with a gap: tile, zoom, reason, area_m2, sector.
 nlohmann::json gaps_geojson(const std::vector<Gap>& gaps, const Mission& mission, std::span<const Sidecar> tiles);
 

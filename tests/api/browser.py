@@ -138,13 +138,15 @@ class Browser:
                                                        "button": "none" if step == "move" and not held else "left", "buttons": held, "clickCount": 0 if step == "move" else 1})
 
     def press(self, *keys):
-        """Each key goes to what has the focus: a character, or a name such as "Enter" or "Shift+Tab"."""
+        """Each key goes to what has the focus: a character, or a name such as "Enter", "Shift+Tab" or "Control+Shift+ArrowUp"."""
         codes = {"Enter": 13, "Tab": 9, "Escape": 27, "Backspace": 8, "Delete": 46, " ": 32, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
-        texts = {"Enter": "\r"}
+        texts, bits = {"Enter": "\r"}, {"Control": 2, "Shift": 8}
         for key in keys:
-            shift, name = key.startswith("Shift+"), key.removeprefix("Shift+")
+            name, modifiers = key, 0
+            while (held := name.split("+")[0]) in bits and held != name:
+                name, modifiers = name.removeprefix(held + "+"), modifiers | bits[held]
             text = texts.get(name, name if len(name) == 1 else "")
-            event = {"key": name, "code": name if len(name) > 1 else "", "modifiers": 8 if shift else 0, "windowsVirtualKeyCode": codes.get(name, ord(name.upper()) if len(name) == 1 else 0)}
+            event = {"key": name, "code": name if len(name) > 1 else "", "modifiers": modifiers, "windowsVirtualKeyCode": codes.get(name, ord(name.upper()) if len(name) == 1 else 0)}
             self._ask("Input.dispatchKeyEvent", {"type": "keyDown" if text else "rawKeyDown", **event, **({"text": text} if text else {})})
             self._ask("Input.dispatchKeyEvent", {"type": "keyUp", **event})
 

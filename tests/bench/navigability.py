@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 """Predicted against flown: simulated flights over worlds that the model was fitted to or not, and recorded ones.
 
-usage: navigability.py PROGRAMS [--seeds FIRST LAST] [--flights N] [--work DIR] [--fit] [--recorded NAME PREDICTION ESTIMATES TRUTH SPACING_M]...
+usage: navigability.py PROGRAMS [--seeds FIRST LAST] [--flights N] [--work DIR] [--stretches] [--fit] [--recorded NAME PREDICTION ESTIMATES TRUTH SPACING_M]...
 
 Each seed is a world with a package; over it, flights along random routes at random heights, replayed with the localizer, and predicted by
 `nadir mission predict`. A frame is compared with the predicted look that lies nearest, within half of the spacing; the protection level of its estimate
-with the predicted one, which nine flights of ten should stay below: how often it does, and how many of the frames beyond a limit were predicted so. Seeds below a million fit (--fit prints coefficients for
+with the predicted one, which nine flights of ten should stay below: how often it does, and how many of the frames beyond a limit were predicted so.
+--stretches: each world has a stretch of 400 to 800 m in its middle, and its routes lead across it: a lake, where nothing matches and nothing can be tracked, or land
+that has changed since the map, where odometry tracks and nothing matches. Seeds below a million fit (--fit prints coefficients for
 navigability_parameters.hpp), those from a million on judge. What a work folder holds already is not made again, so that a bench that was interrupted goes on.
 """
 import argparse
@@ -42,11 +44,52 @@ def run(programs, *args, good=(0, 1)):
     return result.stdout
 
 
-def fly(programs, work, seed, flights):
+def tool(*args):
+    subprocess.run([*map(str, args)], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def add_stretch(world, draw):
+    """A lake, on the map and on the day of the flight; or ground that the map shows turned by 180 degrees: none of it is there."""
+    info = json.loads(subprocess.run(["gdalinfo", "-json", world / "map.tif"], check=True, capture_output=True).stdout)
+    (west, north), (east, south) = info["cornerCoordinates"]["upperLeft"], info["cornerCoordinates"]["lowerRight"]
+    middle = [(west + east) / 2 + draw.uniform(-80, 80), (south + north) / 2 + draw.uniform(-80, 80)]
+    half = [draw.uniform(200, 400), draw.uniform(200, 400)]
+    box = [middle[0] - half[0], middle[1] - half[1], middle[0] + half[0], middle[1] + half[1]]
+    if draw.random() < 0.5:
+        ring = [[middle[0] + half[0] * math.cos(k * math.pi / 24), middle[1] + half[1] * math.sin(k * math.pi / 24)] for k in range(49)]
+        lake = world / "lake.csv"
+        lake.write_text('id,wkt\n1,"POLYGON((' + ",".join(f"{x:.1f} {y:.1f}" for x, y in ring) + '))"\n')
+        for raster, colour in (("map.tif", (44, 62, 68)), ("ground.tif", (38, 58, 70))):
+            burn = [word for value in colour for word in ("-burn", value)]
+            tool("gdal_rasterize", "-q", "-b", 1, "-b", 2, "-b", 3, *burn, "-l", "lake", lake, world / raster)
+        return "lake"
+    part, turned = world / "part.tif", world / "turned.tif"
+    tool("gdal_translate", "-q", "-projwin", box[0], box[3], box[2], box[1], world / "map.tif", part)
+    size = json.loads(subprocess.run(["gdalinfo", "-json", part], check=True, capture_output=True).stdout)["cornerCoordinates"]
+    tool("gdal_translate", "-q", "-a_ullr", *size["lowerRight"], *size["upperLeft"], part, turned)
+    tool("gdalwarp", "-q", turned, world / "map.tif")
+    part.unlink(), turned.unlink()
+    return "changed"
+
+
+def across(low, high, draw):
+    """A route from one side of the world through its middle to the other, and on along the edge."""
+    side, forth = draw.choice([0, 1]), draw.choice([0, 1])
+    def at(along, beside):
+        share = [0, 0]
+        share[side], share[1 - side] = (along if forth else 1 - along), beside
+        return [round(low[i] + (high[i] - low[i]) * share[i], 7) for i in (0, 1)]
+    beside = draw.uniform(0.4, 0.6)
+    return [at(0.06, beside), at(0.94, draw.uniform(0.4, 0.6)), at(0.9, draw.choice([0.15, 0.85]))]
+
+
+def fly(programs, work, seed, flights, stretches):
     """Makes a world, its package and its flights, unless they are there; yields the folders of the flights."""
-    world = work / f"w{seed}"
+    world = work / f"{'s' if stretches else 'w'}{seed}"
     if not (world / "mission.yaml").exists():
         run(programs, "simulate", "world", "--seed", seed, "--size-km", 1.5, "--gsd-m", 0.4, "--out", world)
+    if stretches and not (world / "stretch").exists():
+        (world / "stretch").write_text(add_stretch(world, random.Random(f"stretch {seed}")))
     head = (world / "mission.yaml").read_text().split("route:")[0].replace("min: 14", "min: 16")
     corners = json.loads(head.split("polygon: ")[1].split("\n")[0])
     low = [min(point[i] for point in corners) for i in (0, 1)]
@@ -55,8 +98,8 @@ def fly(programs, work, seed, flights):
     for number in range(flights):
         folder = world / f"f{number}"
         agl_m = draw.choice([60, 80, 110, 150, 200, 280])
-        points = []
-        while len(points) < 4:
+        points = across(low, high, draw) if stretches else []
+        while len(points) < 4 and not stretches:
             point = [round(low[i] + (high[i] - low[i]) * draw.uniform(0.2, 0.8), 7) for i in (0, 1)]
             if not points or math.hypot((point[0] - points[-1][0]) * 73300, (point[1] - points[-1][1]) * 111200) > 250:
                 points.append(point)
@@ -198,12 +241,18 @@ def judge_levels(flights):
             sorted_flown = sorted(f for _, f in part)
             print(f"    {sum(p for p, _ in part) / len(part):6.0f} m  {sorted_flown[len(part) // 2]:6.0f} m  {sorted_flown[min(len(part) - 1, len(part) * 9 // 10)]:6.0f} m"
                   f"  {100 * sum(p >= f for p, f in part) / len(part):5.1f} %  {len(part)}")
-    for name, first in (("all frames", 0), ("after a flight's first four", 4)):
-        part = [(known(look["hpl_m"]), known(level)) for flight in flights for look, _, level in flight[first:]]
+    def begun(flight):
+        """From the first frame on whose level was within 100 m: what is lost then is lost in flight, not at the start."""
+        first = next((i for i, (_, _, level) in enumerate(flight) if known(level) <= 100), len(flight))
+        return flight[first:]
+    for name, part_of in (("all frames", lambda flight: flight), ("after a flight's first four", lambda flight: flight[4:]), ("after the start was confirmed", begun)):
+        part = [(known(look["hpl_m"]), known(level)) for flight in flights for look, _, level in part_of(flight)]
         for limit in (50, 100):
             beyond, warned = [p for p, f in part if f > limit], [f for p, f in part if p > limit]
             print(f"    {name}: beyond {limit} m in flight {len(beyond)}, of them predicted {sum(p > limit for p in beyond)}; "
                   f"predicted beyond {len(warned)}; of {len(part)}")
+    lost = [[known(look["hpl_m"]) > 100 for look, _, level in begun(flight) if known(level) > 100] for flight in flights]
+    print(f"    flights that were lost after their start was confirmed: {sum(map(bool, lost))} of {len(flights)}, of them foreseen in some frame: {sum(map(any, lost))}")
     print("    share of flights predicted beyond the alert limit, flown beyond 100 m, frames")
     for low, high in ((0, 0.02), (0.02, 0.1), (0.1, 0.3), (0.3, 0.7), (0.7, 1.01)):
         part = [(share, f > 100) for _, f, share in levels if low <= share < high]
@@ -217,6 +266,7 @@ def main():
     parser.add_argument("--seeds", type=int, nargs=2, default=[1_000_001, 1_000_003])
     parser.add_argument("--flights", type=int, default=4, help="over each world")
     parser.add_argument("--work", type=pathlib.Path, default=pathlib.Path("bench-navigability"))
+    parser.add_argument("--stretches", action="store_true")
     parser.add_argument("--fit", action="store_true")
     parser.add_argument("--recorded", nargs=5, action="append", default=[], metavar=("NAME", "PREDICTION", "ESTIMATES", "TRUTH", "SPACING"))
     args = parser.parse_args()
@@ -228,10 +278,12 @@ def main():
         run(args.programs, "keys", "create", "--out", args.work / "planner")
         run(args.programs, "keys", "root", "--root-key", args.work / "root.key.pem", "--package-signer", args.work / "planner.pub.pem",
             "--expires", "2099-01-01", "--out", args.work / "root.json")
-    flights = []
+    flights, kinds = [], []
     if args.seeds[1] >= args.seeds[0]:
         for seed in range(args.seeds[0], args.seeds[1] + 1):
-            flights += [frames_of(*files, SPACING_M) for files in fly(args.programs, args.work, seed, args.flights)]
+            flights += [frames_of(*files, SPACING_M) for files in fly(args.programs, args.work, seed, args.flights, args.stretches)]
+            stretch = args.work / f"s{seed}" / "stretch"
+            kinds += [stretch.read_text() if args.stretches else ""] * (len(flights) - len(kinds))
             print(f"seed {seed}: {len(flights)} flights", file=sys.stderr)
     if args.fit:
         if args.seeds[1] >= 1_000_000:
@@ -239,6 +291,11 @@ def main():
         print("kLookOffset, kLookPerRatio, kLookPerLogFootprint:", *(f"{weight:.3f}" for weight in fit(flights)))
     judge("simulated", flights)
     judge_levels(flights)
+    for kind in sorted(set(kinds)):
+        part = [flight for flight, of in zip(flights, kinds) if of == kind]
+        if kind:
+            judge(f"simulated, {kind}", part)
+            judge_levels(part)
     for name, prediction, estimates, truth, spacing in args.recorded:
         flown = [frames_of(pathlib.Path(prediction), pathlib.Path(estimates), pathlib.Path(truth), float(spacing))]
         judge(name, flown)

@@ -54,7 +54,8 @@ class CatalogueCommands : public ::testing::Test {
 
 TEST_F(CatalogueCommands, ACatalogueThatWasMadeBeforeItsViewsGetsThem) {
   ASSERT_EQ(add(make(3, "package")), 0) << out_.str() << err_.str();
-  for (const char* view : {"package_states", "finest_tiles", "source_states"}) {
+  // Some of an earlier version, the others of none.
+  for (const char* view : {"package_states", "sector_states", "route_states", "corridor_states", "gap_states"}) {
     sql(std::string("DROP VIEW ") + view);
     sql(std::string("DELETE FROM views_geometry_columns WHERE view_name = '") + view + "'");
   }
@@ -62,7 +63,50 @@ TEST_F(CatalogueCommands, ACatalogueThatWasMadeBeforeItsViewsGetsThem) {
   EXPECT_EQ(sql("SELECT count(*) FROM sqlite_master WHERE name = 'package_states'"), "0");
   ASSERT_EQ(add(make(4, "next")), 0) << out_.str() << err_.str();
   EXPECT_EQ(sql("SELECT series, sequence, current FROM package_states ORDER BY sequence"), "village|3|0\nvillage|4|1");
-  EXPECT_EQ(sql("SELECT count(*) FROM views_geometry_columns"), "3");
+  EXPECT_EQ(sql("SELECT count(*) FROM views_geometry_columns"), "7");
+}
+
+TEST_F(CatalogueCommands, AProjectShowsACatalogueThatWasMadeBeforeItsViews) {
+  ASSERT_EQ(add(make(3, "package")), 0) << out_.str() << err_.str();
+  sql("DROP VIEW gap_states");
+  sql("DELETE FROM views_geometry_columns WHERE view_name = 'gap_states'");
+  ASSERT_EQ(run({"project", file(), "--out", path("fleet.qgs")}), 0) << err_.str();
+  EXPECT_EQ(sql("SELECT count(*) FROM views_geometry_columns WHERE view_name = 'gap_states'"), "1");
+  const std::string project = read_text_file(path("fleet.qgs"));
+  EXPECT_NE(project.find("dbname='./fleet.sqlite' table=\"package_states\" (geom) sql=\"current\" = 1"),
+            std::string::npos)
+      << project;
+  EXPECT_EQ(project.find(folder_.path().string()), std::string::npos) << "no path of this machine";
+  EXPECT_EQ(run({"project", file(), "--out", path("again.qgs")}), 0);
+  EXPECT_EQ(read_text_file(path("again.qgs")), project);
+  EXPECT_EQ(sql("SELECT count(*) FROM sqlite_master WHERE name = 'layer_styles'"), "0") << "only where it is asked for";
+}
+
+TEST_F(CatalogueCommands, StylesAreStoredOnceAndOthersStay) {
+  ASSERT_EQ(add(make(3, "package")), 0) << out_.str() << err_.str();
+  for (const char* name : {"a.qgs", "b.qgs"}) {
+    ASSERT_EQ(run({"project", file(), "--store-styles", "--out", path(name)}), 0) << err_.str();
+    sql("INSERT INTO layer_styles (f_table_name, styleName, styleQML) VALUES ('package_states', 'mine', 'x')");
+  }
+  EXPECT_EQ(sql("SELECT count(*), count(DISTINCT f_table_name), sum(useAsDefault) FROM layer_styles WHERE styleName = "
+                "'nadir'"),
+            "7|7|7");
+  EXPECT_EQ(sql("SELECT count(*) FROM layer_styles WHERE styleName = 'mine'"), "2");
+}
+
+TEST_F(CatalogueCommands, AProjectIsRefusedByName) {
+  EXPECT_EQ(run({"project", file(), "--out", path("fleet.qgs")}), 2);
+  EXPECT_NE(err_.str().find("no such catalogue"), std::string::npos) << err_.str();
+  EXPECT_FALSE(fs::exists(file())) << "none is created";
+  ASSERT_EQ(add(make(3, "package")), 0);
+  EXPECT_EQ(run({"project", file(), "--out", path("fleet.qgz")}), 2);
+  EXPECT_NE(err_.str().find(".qgs"), std::string::npos) << err_.str();
+  EXPECT_EQ(run({"project", file(), "--candidates", file(), "--out", path("fleet.qgs")}), 2);
+  EXPECT_NE(err_.str().find("nadir.candidate-catalogue/1"), std::string::npos) << err_.str();
+  EXPECT_FALSE(fs::exists(path("fleet.qgs")));
+  write_file_atomic(path("fleet.qgs"), "mine");
+  EXPECT_EQ(run({"project", file(), "--out", path("fleet.qgs")}), 2);
+  EXPECT_EQ(read_text_file(path("fleet.qgs")), "mine");
 }
 
 TEST_F(CatalogueCommands, GdalReadsEveryLayer) {

@@ -376,6 +376,64 @@ class MissionsPage(support.EndToEnd):
 
     # ---- What is shown
 
+    def test_coverage_before_a_build_and_whole_parts_that_move(self):
+        browser = self.browse("#" + self.imported()["id"])
+        covered = TEXT.format("coverage-answer")
+        browser.wait_for(covered + ".startsWith('The imagery covers all')")
+        self.assertEqual("No package yet.", browser.evaluate(TEXT.format("package-facts")))
+        points = lambda: self.mission_of(browser)["mission"]["route"]["points"]
+        before = points()
+
+        # The route as a whole, dragged by its line, a third of the way from its first point to its second one.
+        at = "map.leaflet.latLngToContainerPoint([{1}, {0}])"
+        self.click(browser, "[data-points=route] li:nth-child(1) .number")
+        browser.evaluate("map.leaflet.setZoom(map.leaflet.getZoom() - 1, { animate: false })")
+        x, y = browser.evaluate(f"""(() => {{
+          const box = document.getElementById('map').getBoundingClientRect();
+          const a = {at.format(*before[0])}, b = {at.format(*before[1])};
+          return [box.left + a.x + (b.x - a.x) / 3, box.top + a.y + (b.y - a.y) / 3];
+        }})()""")
+        browser.mouse(("move", x, y), ("down", x, y), ("move", x + 30, y), ("move", x + 60, y - 20), ("up", x + 60, y - 20))
+        browser.wait_for(SAVED)
+        browser.wait_for(f"Math.abs(shown.stored.mission.route.points[0][0] - ({before[0][0]})) > 1e-6")
+        moved = points()
+        east, north = moved[0][0] - before[0][0], moved[0][1] - before[0][1]
+        self.assertGreater(east, 0)
+        self.assertGreater(north, 0)
+        for old, new in zip(before, moved, strict=True):
+            self.assertAlmostEqual(old[0] + east, new[0], delta=2e-7)
+            self.assertAlmostEqual(old[1] + north, new[1], delta=2e-6)  # the same pixels are fewer metres farther north
+        self.click(browser, "#undo")
+        browser.wait_for(SAVED)
+        browser.wait_for(f"shown.stored.mission.route.points[0][0] === {before[0][0]}")
+        self.assertEqual(before, points(), "one step")
+
+        # By keys, far to the east: out of the imagery, which is said and drawn.
+        browser.evaluate("document.getElementById('map').focus()")
+        for _ in range(30):
+            browser.press("Control+Shift+ArrowRight")
+        browser.wait_for(SAVED)
+        browser.wait_for(covered + ".includes('no imagery on')")
+        self.assertGreater(points()[0][0], before[0][0])
+        self.keep(browser, "coverage")
+        self.click(browser, "#layer-coverage")
+        self.keep(browser, "coverage-hidden")
+        browser.evaluate("document.getElementById('map').focus()")
+        browser.press("z")
+        browser.wait_for(covered + ".startsWith('The imagery covers all')")
+        self.assertEqual(before, points(), "keys that follow each other are one step")
+
+        # An area moves with its ground.
+        polygon = self.mission_of(browser)["mission"]["sectors"][0]["polygon"]
+        browser.evaluate("select('sectors[0]', null)")
+        browser.evaluate("document.getElementById('map').focus()")
+        browser.press("Control+ArrowUp")
+        browser.wait_for(f"shown.stored.mission.sectors[0].polygon[0][1] > {polygon[0][1]}")
+        changed = self.mission_of(browser)["mission"]["sectors"][0]["polygon"]
+        self.assertEqual(len(polygon), len(changed))
+        self.assertEqual(changed[0], changed[-1])
+        self.check_quiet(browser)
+
     def test_layers_barriers_and_windows(self):
         mission = self.imported("integrity: {alert_limit_m: 10}\n")
         self.desk.json("POST", f"/v1/missions/{mission['id']}/jobs", {"steps": STEPS, "imagery": ["map.tif"], "elevation": "dem.tif", "camera": "camera.yaml", "key": "signer.key.pem"}, 201)

@@ -108,6 +108,45 @@ class Missions(support.EndToEnd):
         self.assertEqual(204, self.desk.call("GET", f"{path}/layers/vectors")[0], "built without them")
         self.assertIsNone(self.desk.json("GET", path, expect=200)["package"]["vectors"])
 
+    def test_what_the_imagery_does_not_cover(self):
+        """Before anything is built: all of it is covered, then half, then nothing; too old and too coarse are reasons of their own."""
+        mission = self.imported()
+        path = f"/v1/missions/{mission['id']}"
+        def coverage(change):
+            now = self.desk.json("GET", path, expect=200)
+            document = json.loads(json.dumps(mission["mission"]))
+            change(document)
+            self.assertTrue(self.desk.json("PUT", path, {"revision": now["revision"], "mission": document}, 200)["valid"])
+            found = self.desk.json("GET", f"{path}/layers/imagery", expect=200)
+            self.assertAlmostEqual(found["missing_m2"], sum(one["properties"]["area_m2"] for one in found["features"]), delta=len(found["features"]) + 1)
+            return found, {one["properties"]["reason"] for one in found["features"]}
+        def east(document, by):
+            for point in document["route"]["points"]:
+                point[0] += by
+            document["takeoff"]["lon_deg"] += by
+            for sector in document["sectors"]:
+                for point in sector["polygon"]:
+                    point[0] += by
+        found, reasons = coverage(lambda document: None)
+        self.assertEqual((0, set()), (found["missing_m2"], reasons))
+        self.assertGreater(found["needed_m2"], 50_000)
+        _, south, east_deg, north = self.desk.json("GET", "/v1/planning", expect=200)["imagery"][0]["bounds"]
+        half, reasons = coverage(lambda document: east(document, east_deg - document["takeoff"]["lon_deg"]))
+        self.assertEqual({"no imagery"}, reasons)
+        self.assertTrue(0.05 * half["needed_m2"] < half["missing_m2"] < 0.95 * half["needed_m2"], half["missing_m2"] / half["needed_m2"])
+        for one in half["features"]:
+            ring = one["geometry"]["coordinates"][0] if one["geometry"]["type"] == "Polygon" else one["geometry"]["coordinates"][0][0]
+            self.assertGreater(max(point[0] for point in ring), east_deg - 1e-4, "gaps lie beyond the eastern edge")
+        away, reasons = coverage(lambda document: east(document, 0.1))
+        self.assertEqual({"no imagery"}, reasons)
+        self.assertAlmostEqual(away["needed_m2"], away["missing_m2"], delta=0.01 * away["needed_m2"])
+        for change in (lambda document: document.update(min_resolution_m=0.1), lambda document: document["freshness_days"].update(stable=1, active=1)):
+            stale, reasons = coverage(change)
+            self.assertEqual({"imagery too old or too coarse"}, reasons)
+            self.assertAlmostEqual(stale["needed_m2"], stale["missing_m2"], delta=0.01 * stale["needed_m2"])
+        draft = self.desk.json("POST", "/v1/missions", {"name": "empty"}, 201)
+        self.assertEqual(404, self.desk.call("GET", f"/v1/missions/{draft['id']}/layers/imagery")[0], "not complete")
+
     def test_drafts_conflicts_and_wrong_requests(self):
         draft = self.desk.json("POST", "/v1/missions", {"name": "Harbour, east side"}, 201)
         path = f"/v1/missions/{draft['id']}"

@@ -172,6 +172,11 @@ class DeskServe(support.EndToEnd):
         self.assertEqual(list(range(FRAMES)), processed, "each frame once, in order")
         self.assertEqual(0, desk.stop())
 
+    def test_sources_that_are_not_there_are_named_at_the_start(self):
+        for option in ("--imagery", "--dem", "--camera", "--vectors", "--key"):
+            self.fails(2, "desk", "serve", "--root", self.folder / "desk", "--listen", "127.0.0.1:0", option, self.folder / "mistyped.tif",
+                       mentions=["no such file", option, "mistyped.tif"])
+
     def test_beyond_loopback_only_with_a_token(self):
         desk = self.desk()
         self.fails(2, "desk", "serve", "--root", desk.root, "--listen", "0.0.0.0:0", mentions=["token"])

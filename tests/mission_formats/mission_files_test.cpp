@@ -277,6 +277,44 @@ TEST_F(MissionFiles, GoogleEarthsPathsAndPolygons) {
   EXPECT_TRUE(read_mission_drawing(path).notes.contains("import.left_out"));
 }
 
+// Layers of GIS programs often name nothing, and the parts of a multi-geometry share a name.
+TEST_F(MissionFiles, LinesWithoutNamesAreChosenByNumber) {
+  const auto path = folder_.write("lines.geojson", R"({"type": "FeatureCollection", "features": [
+    {"type": "Feature", "properties": {}, "geometry": {"type": "LineString", "coordinates": [[11, 48], [11.01, 48]]}},
+    {"type": "Feature", "properties": {"name": "way"}, "geometry": {"type": "LineString", "coordinates": [[11, 48.1], [11.01, 48.1]]}},
+    {"type": "Feature", "properties": {}, "geometry": {"type": "LineString", "coordinates": [[11, 48.2], [11.01, 48.2]]}}]})");
+  MissionImportOptions options;
+  options.id = "lines";
+  options.today = *parse_utc("2026-05-01");
+  try {
+    mission_from_drawing(read_mission_drawing(path), options, "lines.geojson");
+    FAIL() << "one of three";
+  } catch (const UsageError& error) {
+    EXPECT_EQ(error.text().found, R"(3 lines: "line 1", "way", "line 3")");
+  }
+  for (const auto& [name, lat_deg] : {std::pair("line 1", 48.0), std::pair("way", 48.1), std::pair("line 3", 48.2)}) {
+    options.route = name;
+    EXPECT_EQ(imported(path, options).route.points.front().lat_deg, lat_deg) << name;
+  }
+  for (const char* name : {"line 2", "line 4", ""}) {
+    options.route = name;
+    EXPECT_THROW(mission_from_drawing(read_mission_drawing(path), options, "lines.geojson"), UsageError) << name;
+  }
+}
+
+// Pins alone, as people set them in Google Earth: it is said what there is instead of a line.
+TEST_F(MissionFiles, PinsAloneAreNoRoute) {
+  const auto path = folder_.write("pins.kml", R"(<kml xmlns="http://www.opengis.net/kml/2.2"><Document>
+<Placemark><name>A</name><Point><coordinates>11,48,0</coordinates></Point></Placemark>
+<Placemark><name>B</name><Point><coordinates>11.1,48,0</coordinates></Point></Placemark></Document></kml>)");
+  try {
+    mission_from_drawing(read_mission_drawing(path), {}, "pins.kml");
+    FAIL() << "no route";
+  } catch (const UsageError& error) {
+    EXPECT_NE(error.text().found.find("no lines; 2 points"), std::string::npos) << error.text().found;
+  }
+}
+
 TEST_F(MissionFiles, QgisReadsWhatWeWrite) {
   for (const MissionFormat format : {MissionFormat::kml, MissionFormat::geojson, MissionFormat::gpkg}) {
     const auto path = exported(test::sample_mission(), format);

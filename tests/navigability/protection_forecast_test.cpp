@@ -73,6 +73,26 @@ TEST(ProtectionForecast, WithoutLooksTheLevelGrowsAndOverlapSlowsIt) {
   EXPECT_LT(level_of(high[55]), 100);
 }
 
+// Over water a frame shows nothing that the next one could be compared with, however much of it they share.
+TEST(ProtectionForecast, OverBareGroundOverlapDoesNotHelp) {
+  const auto gap = [](std::size_t i) { return i < 20 || i >= 35 ? 0.98 : 0.0; };
+  auto changed = straight(45, 200, gap), water = changed;
+  for (std::size_t i = 20; i < 35; ++i) water[i].bare = true;
+  const auto tracked = forecast(changed), untracked = forecast(water);
+  EXPECT_EQ(tracked[19].hpl_m, untracked[19].hpl_m);
+  EXPECT_GT(level_of(untracked[34]), 2 * level_of(tracked[34]));
+  EXPECT_LT(level_of(untracked[42]), 100) << "found again behind it";
+}
+
+// Without a velocity and without overlap σ grows by 20 m and more a frame: after twenty the window is the widest there
+// is.
+TEST(ProtectionForecast, WhoIsLostIsNotFoundAgain) {
+  const auto levels = forecast(straight(40, 60, [](std::size_t i) { return i < 25 ? 0.0 : 0.98; }));
+  EXPECT_GT(levels.back().beyond_share, 0.9);
+  const auto soon = forecast(straight(40, 60, [](std::size_t i) { return i < 4 ? 0.0 : 0.98; }));
+  EXPECT_LT(soon.back().beyond_share, 0.1);
+}
+
 TEST(ProtectionForecast, AnchoredItGrowsWithTheHeightAndTheMapsError) {
   const auto good = [](std::size_t) { return 0.99; };
   const double low_m = level_of(forecast(straight(25, 110, good)).back());

@@ -59,7 +59,7 @@ ALLOWED = {
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
     "commands": "base geodesy imagery trust package package_delta vision estimation adjustment ortho recorder flights flight_adjustment replay mavlink upload raster package_build "
-                "catalogue simulation provision flight_import mission_formats navigability cli report map_page verify_request nadird_client desk planning",
+                "catalogue candidates simulation provision flight_import mission_formats navigability cli report map_page verify_request nadird_client desk planning",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }

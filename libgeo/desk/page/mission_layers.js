@@ -41,6 +41,7 @@ const tileText = ({ tile, captured_at, age_days, gsd_m, ce90_m, source, valid, m
   (matchability ? `, matchability ${matchability}` : "");
 
 const makeMissionLayers = ({ map, renderer, state }) => {
+  const uncovered = L.layerGroup().addTo(map);
   const vectors = makeVectorOverlay(map), rasters = new Map(), outlines = L.layerGroup().addTo(map), facts = L.layerGroup().addTo(map), legs = L.layerGroup().addTo(map), picked = L.layerGroup().addTo(map);
   map.createPane("imagery").classList.add("imagery-pane");
   let sources = [], packageTiles = null, packageName = null, chosenFact = "", tiles = null, gaps = null, prediction = null;
@@ -79,6 +80,32 @@ const makeMissionLayers = ({ map, renderer, state }) => {
     listImagery();
   };
 
+  // ---- What the imagery does not cover, before anything is built
+
+  let coverage = null, coverageOf = "", coverageAsked = 0;
+  const coverageStyle = { "no imagery": { color: grades.bad, dashArray: null }, "imagery too old or too coarse": { color: grades.poor, dashArray: "4 4" } };
+  const drawCoverage = () => {
+    uncovered.clearLayers();
+    if (!coverage || !byId("layer-coverage").checked || chosenFact) return;
+    L.geoJSON(coverage, { renderer, interactive: false, style: ({ properties }) => ({ renderer, weight: 1, fillOpacity: .45, ...coverageStyle[properties.reason] }) }).addTo(uncovered);
+  };
+  const coverageText = ({ needed_m2, missing_m2, features }) => {
+    if (missing_m2 === 0) return "The imagery covers all ground that the mission needs.";
+    const ofReason = Object.keys(coverageStyle).map((reason) => [reason, features.reduce((sum, { properties }) => sum + (properties.reason === reason ? properties.area_m2 : 0), 0)]);
+    return `Of ${(needed_m2 / 1e6).toFixed(2)} km²: ` + ofReason.filter(([, area]) => area > 0).map(([reason, area]) => `${reason} on ${(area / 1e6).toFixed(2)} km² (${percent(area / needed_m2)})`).join(", ") + ".";
+  };
+  const showCoverage = async () => {
+    const { id, stored } = state(), mine = ++coverageAsked;
+    const of = stored?.valid ? `${id} ${stored.revision} ${JSON.stringify(sources)}` : "";
+    if (of === coverageOf) return;
+    const found = of ? await getJson(`/v1/missions/${id}/layers/imagery`) : null;
+    if (mine !== coverageAsked) return;
+    coverageOf = of, coverage = found;
+    byId("coverage-answer").textContent = !found ? "" : sources.length === 0 ? "" : coverageText(found);
+    drawCoverage();
+  };
+  byId("layer-coverage").addEventListener("change", drawCoverage);
+
   // ---- Facts of the package
 
   const legend = () => {
@@ -111,6 +138,7 @@ const makeMissionLayers = ({ map, renderer, state }) => {
   const showFact = async (name) => {
     chosenFact = name;
     say("");
+    drawCoverage();
     const { id, stored } = state();
     if (name && stored.package && !tiles) [tiles, gaps] = await Promise.all(["tiles", "gaps"].map((layer) => getJson(`/v1/missions/${id}/layers/${layer}`)));
     drawFacts();
@@ -172,6 +200,7 @@ const makeMissionLayers = ({ map, renderer, state }) => {
       listFacts(pack !== null);
       await showFact(pack ? chosenFact : "");
     }
+    showCoverage().catch((error) => { byId("coverage-answer").textContent = error.message; });
     prediction = stored.prediction ? await getJson(`/v1/missions/${id}/layers/prediction`) : null;
     drawPrediction();
     if (stored.prediction && !stored.prediction.of_this_mission) say("The mission has changed since its prediction was made: predict it again.");
@@ -182,7 +211,9 @@ const makeMissionLayers = ({ map, renderer, state }) => {
     rasters.delete("package");
     packageTiles = null;
     vectors.show(null);
-    for (const group of [facts, legs, picked]) group.clearLayers();
+    coverage = null, coverageOf = "", ++coverageAsked;
+    byId("coverage-answer").textContent = "";
+    for (const group of [facts, legs, picked, uncovered]) group.clearLayers();
     legend();
   };
   const nearestLook = (at_m) => ofKind("look").reduce((best, { properties }) => (!best || Math.abs(properties.at_m - at_m) < Math.abs(best.at_m - at_m) ? properties : best), null);

@@ -5,9 +5,11 @@
 //   map.draw("route");              // or "area", "no-fly", "circle", "takeoff": clicks, or Enter for the middle of the map
 //
 // Every change goes to the page as points, and comes back with the next show(): the document is what is true. A point that
-// is dragged snaps to points and lines of other parts, except with Alt.
+// is dragged snaps to points and lines of other parts, except with Alt. A selected part is dragged as a whole by its line or
+// its ground.
 
 const snapPoint_px = 12, snapLine_px = 8, keyStep_px = 2, keyStride_px = 20;
+const leastDrag_px = 4;
 const dragClick_ms = 200;                        // the click that ends a drag is none
 const metresPerPixelAtEquator = 156543.034;  // at zoom 0
 
@@ -80,7 +82,8 @@ const makeMissionMap = (container, { onSelect, onPoints, onRadius, onDrawn, onTo
       const layer = layerOf(shape, at).addTo(parts);
       layer.part = shape;
       if (shape !== "route") addLabel(shape, layer);
-      layer.on("click", () => onSelect(shape, null));
+      layer.on("click", () => { if (performance.now() > draggedAt + dragClick_ms) onSelect(shape, null); });
+      layer.on("mousedown", (event) => dragPart(layer, event));
       if (shape === selected) layer.enableEdit(map);
     }
     const chosen = selected && point !== null ? latLngs(selected)[point] : null;
@@ -166,6 +169,44 @@ const makeMissionMap = (container, { onSelect, onPoints, onRadius, onDrawn, onTo
     if (!tool) onSelect(event.layer.part, event.layer.getRadius ? 0 : event.vertex.getIndex());
   });
 
+  // ---- A whole part: dragged where it has no handle, or moved by Ctrl and arrow keys
+
+  // By pixels of the map; the points keep their heights.
+  const shifted = (places, by) => places.map((place) => {
+    const [lng, lat] = roundedPlace(map.unproject(map.project(place).add(by)));
+    return L.latLng(lat, lng, place.alt);
+  });
+  const tellPart = (shape, places, key = null) => onPoints(shape, places, key);
+  function dragPart(layer, { containerPoint: from, originalEvent }) {
+    if (tool || layer.part !== selected || originalEvent.button !== 0) return;
+    map.dragging.disable();
+    const places = latLngs(layer.part);
+    let by = null;
+    const move = ({ containerPoint }) => {
+      if (!by && containerPoint.distanceTo(from) < leastDrag_px) return;
+      by = containerPoint.subtract(from);
+      if (layer.editEnabled()) layer.disableEdit();
+      const at = shifted(places, by);
+      if (layer.getRadius) layer.setLatLng(at[0]); else layer.setLatLngs(at);
+    };
+    const end = () => {
+      map.off("mousemove", move);
+      map.dragging.enable();
+      if (!by) return;
+      draggedAt = performance.now();
+      setTimeout(() => tellPart(layer.part, shifted(places, by)));
+    };
+    map.on("mousemove", move);
+    addEventListener("mouseup", end, { once: true });
+  }
+  const movePart = (event) => {
+    const step = event.shiftKey ? keyStride_px : keyStep_px, [x, y] = arrows[event.key], places = latLngs(selected);
+    if (places.includes(null) || places.length === 0) return;
+    const at = shifted(places, L.point(x * step, y * step));
+    tellPart(selected, at, "keys of all");
+    if (!map.getBounds().intersects(L.latLngBounds(at))) map.panTo(L.latLngBounds(at).getCenter(), { animate: false });
+  };
+
   // ---- Drawing
 
   const setTool = (name) => {
@@ -242,8 +283,8 @@ const makeMissionMap = (container, { onSelect, onPoints, onRadius, onDrawn, onTo
   };
   // Before Leaflet, which would move the map.
   const onKey = (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const action = tool ? { Enter: addMiddle, Backspace: takeBack }[event.key]
+    if (event.metaKey || event.altKey || (event.ctrlKey && (tool || !selected || !arrows[event.key]))) return;
+    const action = event.ctrlKey ? () => movePart(event) : tool ? { Enter: addMiddle, Backspace: takeBack }[event.key]
       : selected && point !== null && arrows[event.key] ? () => moveSelected(event) : null;
     if (!action) return;
     event.preventDefault();

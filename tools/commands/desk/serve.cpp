@@ -7,6 +7,7 @@
 #include <ostream>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
@@ -95,7 +96,25 @@ void DeskServeCommand::setup(Options& options) {
   options.value("--port-file", port_file_, "FILE", "write the port here once listening");
 }
 
+// What is named must be there: a planner who mistyped a path would look for it on the page in vain.
+void require_sources(const MapSourceOptions& sources) {
+  const auto require = [](const char* option, const std::vector<std::filesystem::path>& paths) {
+    for (const std::filesystem::path& path : paths) {
+      if (std::filesystem::exists(path)) continue;
+      throw UsageError({.what = "no such file or folder",
+                        .where = fmt::format("{} {}", option, path.string()),
+                        .expected = "a file, or a folder of files"});
+    }
+  };
+  require("--imagery", sources.imagery);
+  require("--dem", sources.elevation);
+  require("--camera", sources.cameras);
+  require("--vectors", sources.vectors);
+  require("--key", sources.keys);
+}
+
 int DeskServeCommand::run(Context& context) {
+  require_sources(desk_.sources);
   keep_freed_memory();
   const ListenAddress address = parse_listen_address(listen_);
   DeskApiOptions options;
