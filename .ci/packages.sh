@@ -73,6 +73,12 @@ packages_package=(
   lintian                    # Debian's own judge of packages
   mmdebstrap                 # a fresh Debian 12, in which --check installs them
 )
+packages_arm64=(
+  g++-aarch64-linux-gnu      # the cross compiler, Debian's gcc 12 as well
+  qemu-user                  # runs what it compiles; counts instructions (the static one takes no plug-ins)
+  mmdebstrap                 # unpacks Debian's arm64 libraries (.ci/sysroot.sh)
+  dpkg-dev                   # dpkg-shlibdeps
+)
 packages_lint=(
   clang-format               # .clang-format
   clang-tidy-19              # 14 cannot parse libstdc++ 12's range views

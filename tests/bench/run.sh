@@ -14,6 +14,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
 
   build         what a clean build costs: CPU seconds by folder, slowest units (--against COMMIT; 20 minutes)
   suite         what the tests cost: CPU seconds of each test that ctest knows, by folder (-R REGEX, --against FILE; 20 minutes)
+  arm64         the cross build under qemu: tests, bytes beside this machine's own build, instructions per frame (--quick; ten minutes)
   package       tile sets from one picture: Nadir, gdal_translate + gdaladdo, gdal2tiles.py, rio-mbtiles, rio-cogeo
   validators    what validators say about damaged tile sets and about Nadir's own
   kill          builds and resumes killed at random moments
@@ -89,6 +90,7 @@ part() {
   case $name in
     build)        python3 "$here/build.py" "$@" ;;
     suite)        python3 -B "$here/suite.py" "$@" ;;
+    arm64)        one_program nadir && python3 -B "$here/arm64.py" "$@" ;;
     package)      programs && python3 "$here/package.py" "$@" ;;
     validators)   python3 "$here/validators.py" "$@" ;;
     kill)         python3 "$here/kill_resume.py" "$@" ;;
@@ -132,8 +134,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: build, suite, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, adjusted, adjustment, survey, desk, segments, large-flight, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
-  build | suite | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjusted | adjustment | survey | desk | segments | large-flight | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
+    echo "NOT RUN unless asked for: build, suite, arm64, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, adjusted, adjustment, survey, desk, segments, large-flight, tiles, ortho, sync, contract, looks, integrity, fit-likelihood; kill with 50 moments (./run bench kill)" ;;
+  build | suite | arm64 | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | adjusted | adjustment | survey | desk | segments | large-flight | tiles | ortho | sync | contract | looks | integrity | fit-likelihood) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac
