@@ -6,7 +6,7 @@ packages_build=(
   ninja-build                # the build tool that cmake drives
   ccache                     # a second build compiles only what changed
   mold                       # links the tests
-  pkg-config                 # finds GeographicLib and WebP
+  pkg-config                 # finds WebP, exiv2, zstd
   libfmt-dev                 # text formatting (gcc 12 has no std::format)
   libcli11-dev               # command line parsing
   nlohmann-json3-dev         # JSON
@@ -32,7 +32,7 @@ packages_build=(
   libzstd-dev                # its chunks
   liblz4-dev                 # chunks of other people's MCAP files
   zlib1g-dev                 # CRC-32
-  libgeographiclib-dev       # local east-north-up frames
+  libgeographiclib-dev       # the tests' oracle for local east-north-up frames
   libboost-dev               # Beast, Asio: the HTTP of nadird; headers alone, libgdal-dev brings them anyway
   libcurl4-openssl-dev       # `nadir sync`; libgdal-dev takes it in the place of the one with GnuTLS
   libgdal-dev                # reads the planner's rasters; never linked by nadird

@@ -9,6 +9,7 @@
 
 #include "estimation/odometry_features.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "vision/feature_matching.hpp"
 
 namespace nadir {
@@ -61,7 +62,7 @@ RelativeMotionMeasurement measurement_of(const TwoViewMotion& motion, const Odom
   // What the model lacks (lens, rolling shutter, relief) grows with the displacement in the image.
   const double unmodelled_m = kModelErrorShare * motion.displacement_m.norm();
   const double turn_rad = wrap_pi(now.heading_rad - before.heading_rad + measurement.value[3]);
-  const double unmodelled_rad = std::hypot(unmodelled_m / frame_now.agl_m, kTurnErrorShare * turn_rad);
+  const double unmodelled_rad = hypotenuse(unmodelled_m / frame_now.agl_m, kTurnErrorShare * turn_rad);
   measurement.covariance.topLeftCorner<2, 2>().diagonal().array() += unmodelled_m * unmodelled_m;
   measurement.covariance(3, 3) += unmodelled_rad * unmodelled_rad;
   measurement.before = before;

@@ -163,8 +163,8 @@ std::vector<Octave> scale_space(const cv::Mat& grey, int layers) {
     Octave octave;
     octave.push_back(std::move(first));
     for (int k = 1; k < layers + 3; ++k) {
-      const double before_px = kSiftSigma_px * std::exp2((k - 1.0) / layers);
-      octave.push_back(blurred(octave.back(), before_px * std::sqrt(std::exp2(2.0 / layers) - 1)));
+      const double before_px = kSiftSigma_px * std::pow(2.0, (k - 1.0) / layers);
+      octave.push_back(blurred(octave.back(), before_px * std::sqrt(std::pow(2.0, 2.0 / layers) - 1)));
     }
     first = every_second(octave[index_of(layers)]);
     octaves.push_back(std::move(octave));
@@ -258,7 +258,7 @@ std::optional<Keypoint> refined_extremum(const Octave& scales, int layer, int r,
       keypoint.x = static_cast<float>(c) + off.x();
       keypoint.y = static_cast<float>(r) + off.y();
       keypoint.scale_px = static_cast<float>(
-          kSiftSigma_px * std::exp2((layer + static_cast<double>(off.z())) / static_cast<double>(layers)));
+          kSiftSigma_px * std::pow(2.0, (layer + static_cast<double>(off.z())) / static_cast<double>(layers)));
       keypoint.contrast = contrast;
       return keypoint;
     }

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 """The cross build for arm64 under qemu, beside this machine's own build: tests, bytes, and instructions per frame.
 
-  tests/bench/arm64.py [--only tests|bytes|instructions] [--quick] [--frames N]
+  tests/bench/arm64.py [--only tests|bytes|instructions] [--quick] [--frames N] [--keep DIR]
 
 Bytes: a world, a map package with its place index, a flight, a replay with its recording; each step is given the same inputs on both
 machines (those of amd64), so that one difference is not counted again in all that follows. Then each replays what the other
 recorded, and compares every estimate bit for bit. Instructions: counted by a plug-in of qemu, all threads, over a replay of N frames
-less one of fewer. NADIR_PRESET=arm64 ./run build makes the cross build. --quick: the tests of base, trust and geodesy alone, and
-no instructions."""
+less one of fewer. NADIR_PRESET=arm64 ./run build makes the cross build. --quick: only the tests of base, trust and geodesy, and whether
+our libraries hold fused products. Exit code 1: something differs or fails, 77: there is no cross build."""
 import argparse
 import csv
 import hashlib
@@ -51,11 +51,24 @@ def test_programs(quick):
     return fine
 
 
+def no_fused_products():
+    """Our own code rounds products before it adds them, as amd64's does."""
+    fused = {}
+    for library in sorted((ARM.parent / "lib").glob("libnadir_*.a")):
+        code = must(["aarch64-linux-gnu-objdump", "-d", "--no-show-raw-insn", library]).output
+        if found := len(re.findall(r"\t(?:fmla|fmls|fmadd|fmsub|fnmadd|fnmsub)\t", code)):
+            fused[library.name] = found
+    print("fused products in our libraries: " + (", ".join(f"{k} {v}" for k, v in fused.items()) or "none"))
+    return not fused
+
+
 class Job:
     """The steps of a package and a flight, each by either program."""
 
     def __init__(self, work, frames):
         self.work, self.frames = work, frames
+        for machine in ("amd64", "arm64"):
+            (work / machine).mkdir(parents=True)
         make_keys(BUILD / "nadir", work)
         self.programs = {"amd64": [BUILD / "nadir"], "arm64": [*QEMU, ARM / "nadir"]}
 
@@ -201,12 +214,14 @@ def main():
     fine = True
     if options.only in (None, "tests"):
         fine = test_programs(options.quick)
+        fine = no_fused_products() and fine
+    if options.quick or options.only == "tests":
+        return 0 if fine else 1
     with tempfile.TemporaryDirectory(prefix="nadir-arm64-") as folder:
         job = Job(options.keep or pathlib.Path(folder), options.frames)
-        if options.only != "tests":
-            fine = all_bytes(job) and fine
-            if not options.quick and options.only != "bytes":
-                instructions(job)
+        fine = all_bytes(job) and fine
+        if options.only != "bytes":
+            instructions(job)
     return 0 if fine else 1
 
 
