@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
-#include <opencv2/imgproc.hpp>
 #include <utility>
 
 #include "estimation/odometry_features.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/hypotenuse.hpp"
+#include "vision/area_resize.hpp"
 #include "vision/feature_matching.hpp"
 
 namespace nadir {
@@ -77,8 +77,7 @@ OdometryFrame at_working_size(const OdometryFrame& frame) {
   const double factor = std::min(1.0, kWorkingWidth_px / std::max(frame.grey.cols, frame.grey.rows));
   if (factor < 1) {
     reduced.camera = frame.camera.scaled(factor);
-    reduced.grey = cv::Mat();
-    cv::resize(frame.grey, reduced.grey, cv::Size(reduced.camera.width, reduced.camera.height), 0, 0, cv::INTER_AREA);
+    reduced.grey = area_resized(frame.grey, {reduced.camera.width, reduced.camera.height});
   }
   return reduced;
 }
