@@ -4,7 +4,12 @@ preset=${NADIR_PRESET:-release}
 build_folder=build
 [[ $preset == release ]] || build_folder=build-$preset
 
+# What this build needs beyond packages_build.
+packages_of_preset=()
+[[ $preset != arm64 ]] || packages_of_preset=(arm64)
+
 configure() {
+  [[ $preset != arm64 ]] || .ci/sysroot.sh build-arm64-sysroot || return
   local log
   log=$(mktemp)
   if ! cmake --preset "$preset" >"$log" 2>&1; then

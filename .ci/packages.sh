@@ -6,7 +6,7 @@ packages_build=(
   ninja-build                # the build tool that cmake drives
   ccache                     # a second build compiles only what changed
   mold                       # links the tests
-  pkg-config                 # finds GeographicLib and WebP
+  pkg-config                 # finds WebP, exiv2, zstd
   libfmt-dev                 # text formatting (gcc 12 has no std::format)
   libcli11-dev               # command line parsing
   nlohmann-json3-dev         # JSON
@@ -33,7 +33,7 @@ packages_build=(
   liblz4-dev                 # chunks of other people's MCAP files
   zlib1g-dev                 # CRC-32
   librsync-dev               # patches of packages
-  libgeographiclib-dev       # local east-north-up frames
+  libgeographiclib-dev       # the tests' oracle for local east-north-up frames
   libboost-dev               # Beast, Asio: the HTTP of nadird; headers alone, libgdal-dev brings them anyway
   libcurl4-openssl-dev       # `nadir sync`; libgdal-dev takes it in the place of the one with GnuTLS
   libgdal-dev                # reads the planner's rasters; never linked by nadird
@@ -73,6 +73,12 @@ packages_package=(
   file                       # CPack tells programs from other files by it
   lintian                    # Debian's own judge of packages
   mmdebstrap                 # a fresh Debian 12, in which --check installs them
+)
+packages_arm64=(
+  g++-aarch64-linux-gnu      # the cross compiler, Debian's gcc 12 as well
+  qemu-user                  # runs what it compiles; counts instructions (the static one takes no plug-ins)
+  mmdebstrap                 # unpacks Debian's arm64 libraries (.ci/sysroot.sh)
+  dpkg-dev                   # dpkg-shlibdeps
 )
 packages_lint=(
   clang-format               # .clang-format

@@ -15,6 +15,10 @@ set(NADIR_COMPUTES $<$<CONFIG:Release>:-O3>)
 
 # Results must not depend on whether the compiler contracts a*b+c.
 add_compile_options(-ffp-contract=off)
+if(CMAKE_SYSTEM_PROCESSOR STREQUAL "aarch64")
+  include_directories(BEFORE SYSTEM "${PROJECT_SOURCE_DIR}/cmake/arm64/include")  # nor Eigen's packets
+  add_compile_definitions(EIGEN_MATRIXBASE_PLUGIN=<eigen_groups_as_on_amd64.hpp>)
+endif()
 
 # Names of files, in line tables and messages, count from the checkout: two folders give the same bytes. In gdb: `directory`
 # with the checkout. A build folder inside of it is named by the second map, because the last one that fits counts.

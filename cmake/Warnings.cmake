@@ -11,6 +11,8 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   target_compile_options(nadir_warnings INTERFACE -Wno-restrict)
   # Sources that are compiled together are no main files: a type of an anonymous namespace within another is no fault.
   target_compile_options(nadir_warnings INTERFACE -Wno-subobject-linkage)
+  # gcc 12 says on arm64 that gcc 9 passed some arguments in another way.
+  target_compile_options(nadir_warnings INTERFACE $<$<STREQUAL:${CMAKE_SYSTEM_PROCESSOR},aarch64>:-Wno-psabi>)
   # gcc 12 reports null dereferences and uninitialised members inside the inlined standard library and Eigen.
   target_compile_options(nadir_warnings INTERFACE -Wno-null-dereference -Wno-maybe-uninitialized -Wno-array-bounds -Wno-stringop-overflow)
 endif()

@@ -23,6 +23,8 @@ TARGETS = {"nadir": "bin/nadir", "nadird": "bin/nadird", "nadir-candidates": "bi
 
 
 MAVLINK = "(MAVLink's headers)"
+# The folder of the libraries and of dpkg's database: nothing, or the sysroot of a cross build (.ci/package.sh).
+ROOT = os.environ.get("DPKG_ADMINDIR", "").removesuffix("/var/lib/dpkg")
 
 
 def output(*args, check=True):
@@ -43,10 +45,10 @@ class Dpkg:
         new = sorted({p for p in paths if p not in self._owners})
         for start in range(0, len(new), 500):
             # /lib is /usr/lib here, but dpkg knows a file by the name that its package has for it.
-            asked = [name for p in new[start:start + 500] for name in {p, p.removeprefix("/usr")}]
+            asked = [name for p in new[start:start + 500] for name in {p, ROOT + p.removeprefix(ROOT).removeprefix("/usr")}]
             for line in output("dpkg", "-S", *asked, check=False).splitlines():
                 package, _, path = line.partition(": ")
-                for name in (path, "/usr" + path):
+                for name in (path, ROOT + "/usr" + path.removeprefix(ROOT)):
                     self._owners.setdefault(name, package.split(",")[0].split(":")[0])
         return {self._owners[p] for p in paths if p in self._owners}
 
@@ -93,8 +95,8 @@ def read_headers(build):
     for line in output("ninja", "-C", str(build), "-t", "deps").splitlines():
         if line and not line.startswith((" ", "ninja:")):
             current = headers.setdefault(line.split(": #deps")[0], set())
-        elif current is not None and line.strip().startswith("/usr/"):
-            current.add(os.path.normpath(line.strip()))
+        elif current is not None and (path := os.path.normpath(build.resolve() / line.strip())).startswith(ROOT + "/usr/"):
+            current.add(path)
         elif current is not None and "/ardupilotmega/" in line:
             current.add(MAVLINK)  # made by pymavlink's generator
     return headers
@@ -102,7 +104,10 @@ def read_headers(build):
 
 def loaded_libraries(program):
     names = re.findall(r"\(NEEDED\).*\[([^\]]+)\]", output("readelf", "-d", str(program)))
-    known = dict(re.findall(r"^\s*(\S+) \([^)]*\) => (\S+)$", output("/sbin/ldconfig", "-p"), re.M)[::-1])
+    if ROOT:
+        known = {path.name: str(path) for path in pathlib.Path(ROOT).glob("usr/lib/*-linux-gnu/*.so*")}
+    else:
+        known = dict(re.findall(r"^\s*(\S+) \([^)]*\) => (\S+)$", output("/sbin/ldconfig", "-p"), re.M)[::-1])
     return {os.path.realpath(known[name]) if os.path.exists(known.get(name, "")) else name for name in names} | \
            {known[name] for name in names if name in known}
 

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <utility>
 
+#include "base/normal_distribution.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir {
@@ -30,7 +31,7 @@ double density(const Eigen::Vector2d& off, const Eigen::Matrix2d& covariance) {
 }
 
 double normal_between(double low, double high, double mean, double sigma) {
-  const auto below = [&](double x) { return std::erfc((mean - x) / (std::numbers::sqrt2 * sigma)) / 2; };
+  const auto below = [&](double x) { return normal_share_below((x - mean) / sigma); };
   return below(high) - below(low);
 }
 

@@ -12,6 +12,7 @@
 #include "estimation/terrain_surface.hpp"
 #include "estimation/tracking_state.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package/open_package.hpp"
 #include "vision/matching_plan.hpp"
@@ -480,7 +481,7 @@ double Localizer::Impl::new_ground() const {
     const auto& covariance = filter->covariance();
     const double speed_variance =
         covariance.block<2, 2>(FlightFilter::velocity_east, FlightFilter::velocity_east).trace();
-    way_m = std::hypot(way_m, std::sqrt(speed_variance) * (telemetry.last.time_s - matching.last->time_s));
+    way_m = hypotenuse(way_m, std::sqrt(speed_variance) * (telemetry.last.time_s - matching.last->time_s));
   }
   return std::min(1.0, way_m / footprint_m());
 }

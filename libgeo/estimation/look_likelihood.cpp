@@ -7,6 +7,7 @@
 
 #include "base/error.hpp"
 #include "estimation/look_likelihood_table.hpp"
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 namespace {
@@ -52,7 +53,7 @@ double attitude_deviation_sigmas(const SolvedPose& solved, const AnchorPrior& pr
       prior.tilt_covariance_rad2 + kTiltModelError_rad * kTiltModelError_rad * Eigen::Matrix2d::Identity();
   const double tilt_sigmas = std::sqrt(tilt.dot(tilt_spread.inverse() * tilt) / 2);
   const double height_sigmas = std::abs(std::log(solved.pose.agl_m / prior.search.pose.agl_m)) /
-                               std::hypot(prior.log_agl_sigma, kHeightModelError);
+                               hypotenuse(prior.log_agl_sigma, kHeightModelError);
   return std::max(tilt_sigmas, height_sigmas);
 }
 

@@ -4,11 +4,12 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
-#include <opencv2/imgproc.hpp>
 #include <utility>
 
 #include "estimation/odometry_features.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
+#include "vision/area_resize.hpp"
 #include "vision/feature_matching.hpp"
 
 namespace nadir {
@@ -61,7 +62,7 @@ RelativeMotionMeasurement measurement_of(const TwoViewMotion& motion, const Odom
   // What the model lacks (lens, rolling shutter, relief) grows with the displacement in the image.
   const double unmodelled_m = kModelErrorShare * motion.displacement_m.norm();
   const double turn_rad = wrap_pi(now.heading_rad - before.heading_rad + measurement.value[3]);
-  const double unmodelled_rad = std::hypot(unmodelled_m / frame_now.agl_m, kTurnErrorShare * turn_rad);
+  const double unmodelled_rad = hypotenuse(unmodelled_m / frame_now.agl_m, kTurnErrorShare * turn_rad);
   measurement.covariance.topLeftCorner<2, 2>().diagonal().array() += unmodelled_m * unmodelled_m;
   measurement.covariance(3, 3) += unmodelled_rad * unmodelled_rad;
   measurement.before = before;
@@ -76,8 +77,7 @@ OdometryFrame at_working_size(const OdometryFrame& frame) {
   const double factor = std::min(1.0, kWorkingWidth_px / std::max(frame.grey.cols, frame.grey.rows));
   if (factor < 1) {
     reduced.camera = frame.camera.scaled(factor);
-    reduced.grey = cv::Mat();
-    cv::resize(frame.grey, reduced.grey, cv::Size(reduced.camera.width, reduced.camera.height), 0, 0, cv::INTER_AREA);
+    reduced.grey = area_resized(frame.grey, {reduced.camera.width, reduced.camera.height});
   }
   return reduced;
 }

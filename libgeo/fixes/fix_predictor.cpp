@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "geodesy/hypotenuse.hpp"
 #include "geodesy/local_frame.hpp"
 
 namespace nadir {
@@ -28,18 +29,18 @@ double FixPredictor::sigma_m(std::int64_t now_us) const {
   const double acceleration_m = 0.5 * options_.acceleration_sigma_mps2 * dt_s * dt_s;
   const InertialMotion::Gain gained = gain(now_us);
   const double unobserved_m = unobserved_mps(gained) * (dt_s - gained.unknown_s / 2);
-  return std::hypot(std::hypot(last_->sigma_m, unobserved_m), last_->speed_sigma_mps * dt_s, acceleration_m);
+  return hypotenuse(hypotenuse(last_->sigma_m, unobserved_m), last_->speed_sigma_mps * dt_s, acceleration_m);
 }
 
 InertialMotion::Gain FixPredictor::gain(std::int64_t now_us) const { return motion_.gain(from_, seconds(now_us)); }
 
 // One sigma of the unobserved velocity change, at most a reversal of direction.
 double FixPredictor::unobserved_mps(const InertialMotion::Gain& gain) const {
-  return std::min(options_.unobserved_sigma_mps2 * gain.unknown_s, 2 * std::hypot(last_->east_mps, last_->north_mps));
+  return std::min(options_.unobserved_sigma_mps2 * gain.unknown_s, 2 * hypotenuse(last_->east_mps, last_->north_mps));
 }
 
 FixPredictor::Offset FixPredictor::ramp_at(std::int64_t now_us) const {
-  const double size_m = std::hypot(offset_.east_m, offset_.north_m);
+  const double size_m = hypotenuse(offset_.east_m, offset_.north_m);
   const double left_m = size_m - options_.ramp_mps * seconds(now_us - offset_us_);
   if (left_m <= 0) return {};
   return {offset_.east_m * left_m / size_m, offset_.north_m * left_m / size_m};
@@ -69,7 +70,7 @@ bool FixPredictor::on_estimate(const VisionEstimate& estimate, std::int64_t now_
 
   // In a frame around the new position: the offset of the last fix from it.
   const PlanePoint difference = LocalFrame(place_at(now_us, {})).plane_from_lonlat(*last_fix);
-  const double size_m = std::hypot(difference.east_m, difference.north_m);
+  const double size_m = hypotenuse(difference.east_m, difference.north_m);
   if (size_m > options_.jump_beyond_m) {
     jumped_m_ = std::max(size_m, jumped_m_.value_or(0));
   } else {
@@ -100,18 +101,18 @@ std::optional<PredictedFix> FixPredictor::poll(std::int64_t now_us, std::int64_t
   if (!fixed) return result;
 
   const Offset ramp = ramp_at(now_us);
-  result.ramp_left_m = std::hypot(ramp.east_m, ramp.north_m);
+  result.ramp_left_m = hypotenuse(ramp.east_m, ramp.north_m);
   const double dt_s = seconds(now_us - last_->time_us);
   const InertialMotion::Gain gained = gain(now_us);
   Fix fix{.unix_us = unix_us,
           .place = place_at(now_us, ramp),
-          .sigma_m = std::hypot(sigma_m(now_us), result.ramp_left_m),
+          .sigma_m = hypotenuse(sigma_m(now_us), result.ramp_left_m),
           .msl_m = last_->msl_m,
           .vertical_sigma_m = last_->vertical_sigma_m,
           .velocity = GpsVelocity{last_->north_mps + gained.velocity_mps.north,
                                   last_->east_mps + gained.velocity_mps.east, last_->down_mps},
           .speed_sigma_mps =
-              std::hypot(last_->speed_sigma_mps, options_.acceleration_sigma_mps2 * dt_s, unobserved_mps(gained)),
+              hypotenuse(last_->speed_sigma_mps, options_.acceleration_sigma_mps2 * dt_s, unobserved_mps(gained)),
           .yaw_rad = last_->yaw_rad};
   if (fix.msl_m && last_->down_mps) *fix.msl_m -= *last_->down_mps * dt_s;
   result.fix = fix;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geodesy/hypotenuse.hpp"
+
 namespace nadir {
 namespace {
 
@@ -49,7 +51,7 @@ void InertialMotion::on_message(double time_s, const AircraftAttitude& attitude)
 void InertialMotion::on_message(double time_s, const ImuSample& sample) {
   if (sample.instance != 1 || !attitude_ || time_s - attitude_s_ > kAttitudeGap_s) return;
   const Plane acceleration = level(sample.acceleration_mps2, *attitude_);
-  if (!(std::hypot(acceleration.east, acceleration.north) < kMaxSpecificForce_mps2)) return;
+  if (!(hypotenuse(acceleration.east, acceleration.north) < kMaxSpecificForce_mps2)) return;
   if (samples_.empty()) {
     samples_.push_back({{.time_s = time_s}, acceleration});
     return;

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "geodesy/hypotenuse.hpp"
+
 namespace nadir {
 namespace {
 
@@ -22,7 +24,7 @@ double distance_to_segment_m(PlanePoint a, PlanePoint b, PlanePoint p) {
   const double squared = dx * dx + dy * dy;
   const double along =
       squared > 0 ? std::clamp(((p.east_m - a.east_m) * dx + (p.north_m - a.north_m) * dy) / squared, 0.0, 1.0) : 0.0;
-  return std::hypot(p.east_m - a.east_m - along * dx, p.north_m - a.north_m - along * dy);
+  return hypotenuse(p.east_m - a.east_m - along * dx, p.north_m - a.north_m - along * dy);
 }
 
 }  // namespace

@@ -6,9 +6,9 @@
 #include <cmath>
 #include <functional>
 #include <limits>
-#include <numbers>
 #include <utility>
 
+#include "base/normal_distribution.hpp"
 #include "base/ordered_work.hpp"
 #include "base/random.hpp"
 #include "estimation/belief.hpp"
@@ -27,7 +27,6 @@ namespace search_window = parameters::search_window;
 
 double squared(double x) { return x * x; }
 double logit(double p) { return std::log(p / (1 - p)); }
-double normal_share_below(double z) { return std::erfc(-z / std::numbers::sqrt2) / 2; }
 
 // One axis of the flight filter, the same for both, and how far off each of them is.
 class AxisFilter {

@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "base/error.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "geodesy/web_mercator.hpp"
 
 namespace nadir {
@@ -39,7 +40,7 @@ double sharpness_factor(std::int64_t sharpness_ppm) {
 double cost_mm(const CandidateSidecar& sidecar) {
   const double view_rad = static_cast<double>(sidecar.quality.view_angle_mdeg) / 1000 * std::numbers::pi / 180;
   const double aslant_mm = kUnmodelledRelief_mm * std::tan(std::min(view_rad, 1.5));
-  const double misplaced_mm = std::hypot(static_cast<double>(sidecar.pose.sigma_mm), aslant_mm);
+  const double misplaced_mm = hypotenuse(static_cast<double>(sidecar.pose.sigma_mm), aslant_mm);
   return misplaced_mm / sharpness_factor(sidecar.quality.sharpness_ppm) +
          (sidecar.trust == CandidateTrust::soft ? kSoft_mm : 0);
 }

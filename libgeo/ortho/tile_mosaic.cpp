@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "ortho/candidate_store.hpp"
 
 namespace nadir {
@@ -68,7 +69,7 @@ std::optional<Seam> measure_seam(const cv::Mat& one, const cv::Mat& other, const
   const auto score = [&](int x, int y) { return static_cast<double>(scores.at<float>(y, x)); };
   if (at.x > 0 && at.x + 1 < scores.cols) dx += vertex(score(at.x - 1, at.y), best, score(at.x + 1, at.y));
   if (at.y > 0 && at.y + 1 < scores.rows) dy += vertex(score(at.x, at.y - 1), best, score(at.x, at.y + 1));
-  return Seam{std::hypot(dx, dy), best};
+  return Seam{hypotenuse(dx, dy), best};
 }
 
 namespace {
@@ -176,7 +177,7 @@ std::optional<CandidateSidecar> TileMosaic::sidecar() const {
   }
   if (whole.parts.size() == 1) whole.parts.clear(), whole.seam_mm = 0;
   const std::int64_t seam_mm2 = whole.seam_mm * whole.seam_mm;
-  const double sigma_mm = std::hypot(static_cast<double>(whole.pose.sigma_mm), static_cast<double>(whole.seam_mm));
+  const double sigma_mm = hypotenuse(static_cast<double>(whole.pose.sigma_mm), static_cast<double>(whole.seam_mm));
   whole.pose.sigma_mm = std::llround(std::ceil(sigma_mm));
   whole.pose.cov_ee_mm2 += seam_mm2;
   whole.pose.cov_nn_mm2 += seam_mm2;

@@ -11,6 +11,7 @@
 
 #include "base/csv.hpp"
 #include "base/error.hpp"
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 
@@ -87,7 +88,7 @@ ErrorFigures figures(const std::vector<Estimate>& estimates, const Truth& truth,
     known += truth[i].has_value();
     const auto offset = offset_of(estimates[i], truth[i], frame);
     if (!offset) continue;
-    const double error = std::hypot(offset->x(), offset->y());
+    const double error = hypotenuse(offset->x(), offset->y());
     const double chi2 = mahalanobis2(estimates[i], *offset);
     errors.push_back(error);
     within_20 += error <= 20;
@@ -123,7 +124,7 @@ std::vector<std::optional<double>> errors_m(const std::vector<Estimate>& estimat
   std::vector<std::optional<double>> errors(estimates.size());
   for (std::size_t i = 0; i < estimates.size() && i < truth.size(); ++i) {
     if (const auto offset = offset_of(estimates[i], truth[i], frame)) {
-      errors[i] = std::hypot(offset->x(), offset->y());
+      errors[i] = hypotenuse(offset->x(), offset->y());
     }
   }
   return errors;

@@ -10,6 +10,8 @@ namespace {
 GroundPoint direction(double angle) { return {std::cos(angle), std::sin(angle)}; }
 GroundPoint left_of(GroundPoint d) { return {-d.y, d.x}; }
 
+// A draw for each statement, wherever an operator or a function would take several: their order is the compiler's
+// choice, and differs between processors.
 class VillageBuilder {
  public:
   VillageBuilder(const Random& random, Landscape& land) : random_(random), land_(land) {}
@@ -89,22 +91,25 @@ class VillageBuilder {
     Presence presence = Presence::both;
     if (random_.chance(0.05)) presence = random_.chance(0.7) ? Presence::day_only : Presence::before_only;
     const Roof roof = house_roof();
-    add(house, turned, across ? house_depth + 2 : house_length, across ? house_length - 2 : house_depth,
-        random_.uniform(3.2, 6), roof == Roof::flat ? 0 : random_.uniform(0.7, 1.0), roof, presence);
+    const double pitch = roof == Roof::flat ? 0 : random_.uniform(0.7, 1.0), eaves = random_.uniform(3.2, 6);
+    add(house, turned, across ? house_depth + 2 : house_length, across ? house_length - 2 : house_depth, eaves, pitch,
+        roof, presence);
     if (random_.chance(0.08)) land_.buildings.back().roof_before = house_roof();  // a new roof since
     if (random_.chance(0.4) && roof != Roof::flat) {                              // a wing at right angles
       Building wing = land_.buildings.back();
       wing.angle_rad += std::numbers::pi / 2;
-      wing.centre += out * random_.uniform(3.5, 6) + along * random_.uniform(-2.5, 2.5);
+      const double aside = random_.uniform(-2.5, 2.5);
+      wing.centre += out * random_.uniform(3.5, 6) + along * aside;
       wing.length_m = random_.uniform(8, 11), wing.width_m = random_.uniform(5.5, 7);
       wing.ridge_m = wing.eaves_m + 0.8 * wing.width_m / 2;
       land_.buildings.push_back(wing);
     }
     if (random_.chance(0.6)) {  // garage or shed
-      add(front + out * (setback + house_depth + random_.uniform(5, 9)) +
-              along * (random_.chance(0.5) ? 1 : -1) * (width / 2 - 4),
-          angle, random_.uniform(5, 7), random_.uniform(3.5, 5), 2.5, random_.chance(0.5) ? 0.4 : 0,
-          random_.chance(0.5) ? Roof::flat : Roof::brown);
+      const Roof shed_roof = random_.chance(0.5) ? Roof::flat : Roof::brown;
+      const double pitch_of_shed = random_.chance(0.5) ? 0.4 : 0, shed_width = random_.uniform(3.5, 5);
+      const double shed_length = random_.uniform(5, 7), shed_side = random_.chance(0.5) ? 1 : -1;
+      add(front + out * (setback + house_depth + random_.uniform(5, 9)) + along * shed_side * (width / 2 - 4), angle,
+          shed_length, shed_width, 2.5, pitch_of_shed, shed_roof);
     }
     const double drive_side = random_.chance(0.5) ? 1 : -1;
     land_.plots.push_back({front + along * (drive_side * (width / 2 - 2.2)) + out * 7.0, angle + std::numbers::pi / 2,
@@ -115,8 +120,8 @@ class VillageBuilder {
     }
     const int trees = random_.integer(0, 4);
     for (int i = 0; i < trees; ++i) {
-      const GroundPoint position =
-          front + out * random_.uniform(0.55, 0.95) * depth + along * random_.uniform(-0.45, 0.45) * width;
+      const double aside = random_.uniform(-0.45, 0.45);
+      const GroundPoint position = front + out * random_.uniform(0.55, 0.95) * depth + along * aside * width;
       const double radius = random_.uniform(1.5, 3.8);
       land_.trees.push_back({position, radius, radius * random_.uniform(1.6, 2.4),
                              random_.chance(0.2) ? Plant::conifer : Plant::broadleaf, random_.uniform(-1, 1),
@@ -273,7 +278,8 @@ class TreePlanter {
       const bool conifer = parcel.crop == Crop::conifers ? random_.chance(0.93) : random_.chance(0.1);
       const double age = 0.8 + 0.3 * unit_hash(parcel.seed, 5) + 0.1 * parcel.tone;
       if (conifer) {
-        plant(position, age * random_.uniform(1.9, 3.0), age * random_.uniform(14, 21), Plant::conifer);
+        const double height = age * random_.uniform(14, 21);
+        plant(position, age * random_.uniform(1.9, 3.0), height, Plant::conifer);
       } else {
         const double radius = age * random_.uniform(2.4, 4.6);
         plant(position, radius, age * random_.uniform(9, 13) + radius * 1.4, Plant::broadleaf);
@@ -298,8 +304,8 @@ class TreePlanter {
       const double reach = parcel.length_m;
       for (double a = -reach; a < reach; a += 6) {
         for (double b = -reach; b < reach; b += 7.5) {
-          const GroundPoint uv =
-              parcel.centre + d * (a + random_.uniform(-0.4, 0.4)) + n * (b + random_.uniform(-0.3, 0.3));
+          const double across = b + random_.uniform(-0.3, 0.3);
+          const GroundPoint uv = parcel.centre + d * (a + random_.uniform(-0.4, 0.4)) + n * across;
           const auto hit = land_.fields.find(uv);
           if (hit.border_m < 4 || &land_.fields.parcels[static_cast<std::size_t>(hit.parcel)] != &parcel) continue;
           const GroundPoint position = land_.fields.ground_from_uv(uv);
@@ -362,8 +368,8 @@ class TreePlanter {
       const GroundPoint out = GroundPoint(-step.y, step.x) * (1 / cv::norm(step));
       for (const double side : {-1.0, 1.0}) {
         for (int k = 0; k < 3; ++k) {
-          const GroundPoint position = points[i] + step * random_.uniform() +
-                                       out * (side * (land_.river.half_widths_m[i] + random_.uniform(2, 15)));
+          const double from_river = side * (land_.river.half_widths_m[i] + random_.uniform(2, 15));
+          const GroundPoint position = points[i] + step * random_.uniform() + out * from_river;
           if (density.at(position.x + side * 500, position.y) < random_.uniform(-0.25, 0.5) || !clear(position, 3))
             continue;
           const double radius = random_.uniform(1.3, 4.6);
@@ -379,8 +385,8 @@ class TreePlanter {
     const int count = static_cast<int>(land_.size_m / spacing) + 1;
     for (int r = 0; r < count; ++r) {
       for (int c = 0; c < count; ++c) {
-        const GroundPoint position((c + random_.uniform(0.1, 0.9)) * spacing,
-                                   (r + random_.uniform(0.1, 0.9)) * spacing);
+        const double y = (r + random_.uniform(0.1, 0.9)) * spacing;
+        const GroundPoint position((c + random_.uniform(0.1, 0.9)) * spacing, y);
         const auto hit = land_.fields.find(land_.fields.uv_from_ground(position));
         visit(position, land_.fields.parcels[static_cast<std::size_t>(hit.parcel)], hit);
       }

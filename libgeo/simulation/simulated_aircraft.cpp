@@ -75,7 +75,8 @@ double SimulatedAircraft::lateral_mps2() {
 void SimulatedAircraft::step() {
   ++steps_;
   body_.step(kStep_s, lateral_mps2());
-  const Eigen::Vector2d error(accelerometer_east_.step(kStep_s, random_), accelerometer_north_.step(kStep_s, random_));
+  const double error_north = accelerometer_north_.step(kStep_s, random_);
+  const Eigen::Vector2d error(accelerometer_east_.step(kStep_s, random_), error_north);
   for (GaussMarkovProcess* process : {&height_error_, &roll_error_, &pitch_error_}) process->step(kStep_s, random_);
   filter_.predict(kStep_s, body_.acceleration_mps2() + error);
   if (steps_ % kAirspeedSteps == 0) {
@@ -87,8 +88,10 @@ void SimulatedAircraft::step() {
 
 void SimulatedAircraft::receive_own_gps() {
   constexpr double kPeriod_s = static_cast<double>(kOwnGpsSteps) * kStep_s;
-  const Eigen::Vector2d drift(gps_east_.step(kPeriod_s, random_), gps_north_.step(kPeriod_s, random_));
-  const Eigen::Vector2d white(random_.normal(0, 0.2), random_.normal(0, 0.2));
+  const double drift_north = gps_north_.step(kPeriod_s, random_);
+  const Eigen::Vector2d drift(gps_east_.step(kPeriod_s, random_), drift_north);
+  const double white_north = random_.normal(0, 0.2);
+  const Eigen::Vector2d white(random_.normal(0, 0.2), white_north);
   own_.reset();
   if (denied_) return;
   own_ = OwnGps{body_.place() + (gps_offset_m_ + drift + white), body_.velocity_mps() + white / 4};

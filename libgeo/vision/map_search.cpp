@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "geodesy/angles.hpp"
+#include "vision/area_resize.hpp"
 #include "vision/correlation.hpp"
 #include "vision/matching_plan.hpp"
 
@@ -75,8 +76,8 @@ ScaledMap shrink(const MapWindow& map, double gsd_m) {
   const cv::Size size(static_cast<int>(std::lround(map.image.cols * factor)),
                       static_cast<int>(std::lround(map.image.rows * factor)));
   ScaledMap scaled{{}, {}, map.west_m, map.north_m, gsd_m};
-  cv::resize(map.image, scaled.image, size, 0, 0, cv::INTER_AREA);
-  cv::resize(map.mask, scaled.mask, size, 0, 0, cv::INTER_AREA);
+  scaled.image = area_resized(map.image, size);
+  scaled.mask = area_resized(map.mask, size);
   cv::threshold(scaled.mask, scaled.mask, 254, 255, cv::THRESH_BINARY);
   scaled.gsd_m = map.gsd_m * map.image.cols / size.width;
   return scaled;

@@ -49,8 +49,9 @@ Pattern worn_pattern(const MapWindow& window, int side, const cv::Mat& noise, do
   cv::warpAffine(window.mask, pattern.mask, window_from_pattern, size, kHow, cv::BORDER_CONSTANT, cv::Scalar(0));
   cv::threshold(pattern.mask, pattern.mask, 254, 255, cv::THRESH_BINARY);
   // Somewhere in the noise, mirrored at its borders where a footprint is larger than it.
-  const cv::Point at(random.integer(0, std::max(0, kNoiseSide_px - side)),
-                     random.integer(0, std::max(0, kNoiseSide_px - side)));
+  const int at_y = random.integer(0, std::max(0, kNoiseSide_px - side));
+  const int at_x = random.integer(0, std::max(0, kNoiseSide_px - side));
+  const cv::Point at(at_x, at_y);
   cv::Mat worn(size, CV_8UC1);
   const auto gain = static_cast<float>(contrast);
   const auto middle = static_cast<float>(cv::mean(grey, pattern.mask)[0]);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "geodesy/hypotenuse.hpp"
 #include "geodesy/web_mercator.hpp"
 
 namespace nadir {
@@ -34,8 +35,8 @@ std::optional<MatchingPlan> matching_plan(const CameraModel& camera, const ZoomR
   if (!footprint) return std::nullopt;
   plan.reach_m =
       kReachMargin *
-      std::max({std::hypot(footprint->west_m, footprint->north_m), std::hypot(footprint->east_m, footprint->north_m),
-                std::hypot(footprint->west_m, footprint->south_m), std::hypot(footprint->east_m, footprint->south_m)});
+      std::max({hypotenuse(footprint->west_m, footprint->north_m), hypotenuse(footprint->east_m, footprint->north_m),
+                hypotenuse(footprint->west_m, footprint->south_m), hypotenuse(footprint->east_m, footprint->south_m)});
   return plan;
 }
 

@@ -127,8 +127,14 @@ PlaceProjection train_projection(std::span<const RawPlaceDescriptor> samples) {
   }
   const Eigen::RowVectorXd mean = rows.colwise().mean();
   rows.rowwise() -= mean;
-  const Eigen::MatrixXd covariance =
-      rows.transpose() * rows / static_cast<double>(std::max<std::size_t>(1, samples.size() - 1));
+  // In parts that Eigen does not divide further: where it divides depends on the processor, and with it the last bits.
+  constexpr Eigen::Index kRowsAtOnce = 64;
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(size, size);
+  for (Eigen::Index first = 0; first < rows.rows(); first += kRowsAtOnce) {
+    const auto part = rows.middleRows(first, std::min(kRowsAtOnce, rows.rows() - first));
+    covariance.noalias() += part.transpose() * part;
+  }
+  covariance /= static_cast<double>(std::max<std::size_t>(1, samples.size() - 1));
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(covariance);
 
   PlaceProjection projection;

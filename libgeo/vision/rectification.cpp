@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "vision/area_resize.hpp"
+
 namespace nadir {
 namespace {
 
@@ -46,9 +48,7 @@ ReducedFrame reduce_frame(const cv::Mat& image, const CameraModel& camera, doubl
   const double factor = std::min(1.0, kReducedOversampling * gsd_at(camera, agl_m) / gsd_m);
   if (factor > kWorthReducing) return {image, camera};
   const CameraModel reduced = camera.scaled(factor);
-  cv::Mat small;
-  cv::resize(image, small, cv::Size(reduced.width, reduced.height), 0, 0, cv::INTER_AREA);
-  return {small, reduced};
+  return {area_resized(image, {reduced.width, reduced.height}), reduced};
 }
 
 Eigen::Vector3d camera_from_ground(const CameraPose& pose, PlanePoint ground, const GroundSurface& surface) {

@@ -163,8 +163,8 @@ std::vector<Octave> scale_space(const cv::Mat& grey, int layers) {
     Octave octave;
     octave.push_back(std::move(first));
     for (int k = 1; k < layers + 3; ++k) {
-      const double before_px = kSiftSigma_px * std::exp2((k - 1.0) / layers);
-      octave.push_back(blurred(octave.back(), before_px * std::sqrt(std::exp2(2.0 / layers) - 1)));
+      const double before_px = kSiftSigma_px * std::pow(2.0, (k - 1.0) / layers);
+      octave.push_back(blurred(octave.back(), before_px * std::sqrt(std::pow(2.0, 2.0 / layers) - 1)));
     }
     first = every_second(octave[index_of(layers)]);
     octaves.push_back(std::move(octave));
@@ -236,29 +236,30 @@ std::optional<Keypoint> refined_extremum(const Octave& scales, int layer, int r,
       return scales[index_of(layer + dl + 1)].at(r + dr, c + dc) - scales[index_of(layer + dl)].at(r + dr, c + dc);
     };
     const float here = d(0, 0, 0);
-    const Eigen::Vector3f slope(0.5F * (d(0, 0, 1) - d(0, 0, -1)), 0.5F * (d(0, 1, 0) - d(0, -1, 0)),
+    // In doubles: Eigen adds three floats in another order on arm64, where it has registers for two.
+    const Eigen::Vector3d slope(0.5F * (d(0, 0, 1) - d(0, 0, -1)), 0.5F * (d(0, 1, 0) - d(0, -1, 0)),
                                 0.5F * (d(1, 0, 0) - d(-1, 0, 0)));
     const float xx = d(0, 0, 1) + d(0, 0, -1) - 2 * here, yy = d(0, 1, 0) + d(0, -1, 0) - 2 * here,
                 ss = d(1, 0, 0) + d(-1, 0, 0) - 2 * here;
     const float xy = 0.25F * (d(0, 1, 1) - d(0, 1, -1) - d(0, -1, 1) + d(0, -1, -1)),
                 xs = 0.25F * (d(1, 0, 1) - d(1, 0, -1) - d(-1, 0, 1) + d(-1, 0, -1)),
                 ys = 0.25F * (d(1, 1, 0) - d(1, -1, 0) - d(-1, 1, 0) + d(-1, -1, 0));
-    Eigen::Matrix3f bend;
+    Eigen::Matrix3d bend;
     bend << xx, xy, xs, xy, yy, ys, xs, ys, ss;
-    const Eigen::Vector3f off = -(bend.inverse() * slope);
-    if (!(off.cwiseAbs().maxCoeff() < static_cast<float>(std::max(rows, columns)))) return std::nullopt;  // NaN too
-    if (off.cwiseAbs().maxCoeff() < 0.5F) {
-      const float contrast = std::abs(here + 0.5F * slope.dot(off));
+    const Eigen::Vector3d off = -(bend.inverse() * slope);
+    if (!(off.cwiseAbs().maxCoeff() < std::max(rows, columns))) return std::nullopt;  // NaN too
+    if (off.cwiseAbs().maxCoeff() < 0.5) {
+      const auto contrast = static_cast<float>(std::abs(double{here} + 0.5 * slope.dot(off)));
       if (contrast * static_cast<float>(layers) < 255 * static_cast<float>(options.min_contrast)) return std::nullopt;
       const float trace = xx + yy, determinant = xx * yy - xy * xy;
       constexpr auto kEdge = static_cast<float>(kSiftEdgeRatio);
       if (determinant <= 0 || trace * trace * kEdge >= (kEdge + 1) * (kEdge + 1) * determinant) return std::nullopt;
       Keypoint keypoint;
       keypoint.layer = layer;
-      keypoint.x = static_cast<float>(c) + off.x();
-      keypoint.y = static_cast<float>(r) + off.y();
-      keypoint.scale_px = static_cast<float>(
-          kSiftSigma_px * std::exp2((layer + static_cast<double>(off.z())) / static_cast<double>(layers)));
+      keypoint.x = static_cast<float>(c + off.x());
+      keypoint.y = static_cast<float>(r + off.y());
+      keypoint.scale_px =
+          static_cast<float>(kSiftSigma_px * std::pow(2.0, (layer + off.z()) / static_cast<double>(layers)));
       keypoint.contrast = contrast;
       return keypoint;
     }

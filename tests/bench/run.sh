@@ -14,6 +14,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
 
   build         what a clean build costs: CPU seconds by folder, slowest units (--against COMMIT; 20 minutes)
   suite         what the tests cost: CPU seconds of each test that ctest knows, by folder (-R REGEX, --against FILE; 20 minutes)
+  arm64         the cross build under qemu: tests, bytes beside this machine's own build, instructions per frame (--quick; ten minutes)
   package       tile sets from one picture: Nadir, gdal_translate + gdaladdo, gdal2tiles.py, rio-mbtiles, rio-cogeo
   validators    what validators say about damaged tile sets and about Nadir's own
   patch         bytes on the wire for a map of which 2 % have changed: a patch, rsync, xdelta3, zstd (a minute; --format cog)
@@ -92,6 +93,7 @@ part() {
   case $name in
     build)        python3 "$here/build.py" "$@" ;;
     suite)        python3 -B "$here/suite.py" "$@" ;;
+    arm64)        one_program nadir && python3 -B "$here/arm64.py" "$@" ;;
     package)      programs && python3 "$here/package.py" "$@" ;;
     validators)   python3 "$here/validators.py" "$@" ;;
     patch)        one_program nadir && python3 -B "$here/patch.py" "$@" ;;

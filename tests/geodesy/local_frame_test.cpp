@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <GeographicLib/LocalCartesian.hpp>
+#include <algorithm>
 #include <cmath>
+#include <random>
 
 namespace nadir {
 namespace {
@@ -43,6 +46,38 @@ TEST(LocalFrame, AgreesWithTheEllipsoidsEquations) {
     EXPECT_NEAR(enu.east_m, -sl * dx + cl * dy, 1e-6);
     EXPECT_NEAR(enu.north_m, -sp * cl * dx - sp * sl * dy + cp * dz, 1e-6);
   }
+}
+
+// All over the world, from below the ground to the height of satellites: 6e-9 m, the last bits of an earth's radius.
+TEST(LocalFrame, AgreesWithGeographicLib) {
+  std::mt19937_64 engine(1);
+  const auto draw = [&](double low, double high) {
+    return low + (high - low) * static_cast<double>(engine() >> 11) * 0x1p-53;
+  };
+  double furthest_m = 0;
+  for (int i = 0; i < 20000; ++i) {
+    const double lat_deg = draw(-89.9, 89.9), lon_deg = draw(-180, 180), height_m = draw(0, 3000);
+    const Enu at{draw(-1e5, 1e5), draw(-1e5, 1e5), draw(-3000, 1e6)};
+    const LocalFrame frame({lon_deg, lat_deg}, height_m);
+    const GeographicLib::LocalCartesian oracle(lat_deg, lon_deg, height_m);
+    double lat, lon, height, east, north, up;
+    oracle.Reverse(at.east_m, at.north_m, at.up_m, lat, lon, height);
+    const Geodetic found = frame.geodetic_from_enu(at);
+    const double turn_deg = std::remainder(found.place.lon_deg - lon, 360.0);
+    oracle.Forward(lat, lon, height, east, north, up);
+    const Enu back = frame.enu_from_geodetic({{lon, lat}, height});
+    furthest_m = std::max({furthest_m, std::abs(found.place.lat_deg - lat) * 111e3,
+                           std::abs(turn_deg) * 111e3 * std::cos(lat * M_PI / 180), std::abs(found.height_m - height),
+                           std::abs(back.east_m - east), std::abs(back.north_m - north), std::abs(back.up_m - up)});
+  }
+  EXPECT_LT(furthest_m, 1e-8);
+}
+
+TEST(LocalFrame, KnowsThePoles) {
+  const LocalFrame frame({0, 90}, 0);
+  const Geodetic pole = frame.geodetic_from_enu({0, 0, 100});
+  EXPECT_NEAR(pole.place.lat_deg, 90, 1e-9);
+  EXPECT_NEAR(pole.height_m, 100, 1e-6);
 }
 
 TEST(LocalFrame, RoundTrips) {
