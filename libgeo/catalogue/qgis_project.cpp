@@ -372,7 +372,7 @@ std::string qgis_project_xml(const QgisProject& project) {
       group_name = design.group;
       group = add(tree, "layer-tree-group", {{"name", group_name}, {"checked", "Qt::Checked"}, {"expanded", "1"}});
     }
-    std::string id = design.name;
+    std::string id = fmt::format("nadir_layer_{}", design.name);  // QGIS replaces ids of ten letters and fewer
     std::replace(id.begin(), id.end(), ' ', '_');
     add(group, "layer-tree-layer",
         {{"id", id},
