@@ -33,7 +33,7 @@ packages_build=(
   liblz4-dev                 # chunks of other people's MCAP files
   zlib1g-dev                 # CRC-32
   librsync-dev               # patches of packages
-  libgeographiclib-dev       # the tests' oracle for local east-north-up frames
+  libgeographiclib-dev       # grid references (MGRS); the tests' oracle for local frames
   libboost-dev               # Beast, Asio: the HTTP of nadird; headers alone, libgdal-dev brings them anyway
   libcurl4-openssl-dev       # `nadir sync`; libgdal-dev takes it in the place of the one with GnuTLS
   libgdal-dev                # reads the planner's rasters; never linked by nadird

@@ -12,6 +12,7 @@
 
 #include "base/error.hpp"
 #include "cli/help_text.hpp"
+#include "geodesy/mgrs.hpp"
 
 namespace nadir {
 namespace option_text {
@@ -35,7 +36,11 @@ bool read(const std::string& text, double& value) { return read_number(text, val
 
 bool read(const std::string& text, LonLat& value) {
   const auto comma = text.find(',');
-  if (comma == std::string::npos) return false;
+  if (comma == std::string::npos) {
+    const auto place = lonlat_from_mgrs(text);
+    value = place.value_or(value);
+    return place.has_value();
+  }
   return read(text.substr(0, comma), value.lon_deg) && read(text.substr(comma + 1), value.lat_deg) &&
          std::abs(value.lon_deg) <= 180 && std::abs(value.lat_deg) <= 90;
 }
@@ -52,7 +57,7 @@ const char* form(int) { return "a whole number"; }
 const char* form(std::int64_t) { return "a whole number"; }
 const char* form(std::uint64_t) { return "a whole number that is not negative"; }
 const char* form(double) { return "a number"; }
-const char* form(LonLat) { return "longitude,latitude in degrees, for example 120.72,24.26"; }
+const char* form(LonLat) { return "longitude,latitude in degrees (120.72,24.26), or an MGRS reference of a square of 1 km or less (18SUJ2281606837)"; }
 const char* form(UtcTime) { return "a date (2024-10-30) or an RFC 3339 time (2024-10-30T12:00:00Z)"; }
 
 std::string show(const std::string& value) { return value; }

@@ -14,6 +14,7 @@
 #include "cli/command.hpp"
 #include "cli/output.hpp"
 #include "cli/terminal.hpp"
+#include "geodesy/mgrs.hpp"
 
 namespace nadir {
 namespace {
@@ -41,7 +42,8 @@ std::string with_reason(const std::string& what, const std::string& reason) {
 
 std::string position_of(const WatchedStatus& status) {
   if (!status.lat_deg || !status.lon_deg) return "none";
-  return fmt::format("{:.6f}, {:.6f} ({})", *status.lat_deg, *status.lon_deg, status.source);
+  return fmt::format("{:.6f}, {:.6f} ({})  {}", *status.lat_deg, *status.lon_deg, status.source,
+                     mgrs_from_lonlat({*status.lon_deg, *status.lat_deg}));
 }
 
 std::string protection_of(const WatchedStatus& status) {
