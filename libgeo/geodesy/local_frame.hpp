@@ -1,4 +1,4 @@
-// East-north-up metres around an origin (usually the take-off point): GeographicLib's LocalCartesian.
+// East-north-up metres around an origin (usually the take-off point), on the ellipsoid of WGS84.
 //
 // Computations in the plane (corridors, windows, the filter) use east and north alone: a PlanePoint. Enu is for what
 // has a height as well.
