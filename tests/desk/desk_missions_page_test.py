@@ -384,18 +384,18 @@ class MissionsPage(support.EndToEnd):
         points = lambda: self.mission_of(browser)["mission"]["route"]["points"]
         before = points()
 
-        # The route as a whole, dragged by its line, a third of the way from its first point to its second one.
-        at = "map.leaflet.latLngToContainerPoint([{1}, {0}])"
+        # The route as a whole, dragged by its line, a third of the way from its first handle to its second one.
+        longitude = "Number(document.querySelector('[data-points=route] li:nth-child(1) [data-axis=lon]').value)"
         self.click(browser, "[data-points=route] li:nth-child(1) .number")
-        browser.evaluate("map.leaflet.setZoom(map.leaflet.getZoom() - 1, { animate: false })")
-        x, y = browser.evaluate(f"""(() => {{
-          const box = document.getElementById('map').getBoundingClientRect();
-          const a = {at.format(*before[0])}, b = {at.format(*before[1])};
-          return [box.left + a.x + (b.x - a.x) / 3, box.top + a.y + (b.y - a.y) / 3];
-        }})()""")
+        browser.wait_for("document.querySelectorAll('.leaflet-vertex-icon').length > 1")
+        x, y = browser.evaluate("""(() => {
+          const [a, b] = [...document.querySelectorAll('.leaflet-vertex-icon')].filter((icon) => !icon.classList.contains('leaflet-middle-icon')).slice(0, 2)
+            .map((icon) => icon.getBoundingClientRect()).map((box) => [box.left + box.width / 2, box.top + box.height / 2]);
+          return [0, 1].map((i) => a[i] + .3 * (b[i] - a[i]));
+        })()""")
         browser.mouse(("move", x, y), ("down", x, y), ("move", x + 30, y), ("move", x + 60, y - 20), ("up", x + 60, y - 20))
+        browser.wait_for(f"{longitude} > {before[0][0]} + 1e-6")
         browser.wait_for(SAVED)
-        browser.wait_for(f"Math.abs(shown.stored.mission.route.points[0][0] - ({before[0][0]})) > 1e-6")
         moved = points()
         east, north = moved[0][0] - before[0][0], moved[0][1] - before[0][1]
         self.assertGreater(east, 0)
@@ -404,15 +404,13 @@ class MissionsPage(support.EndToEnd):
             self.assertAlmostEqual(old[0] + east, new[0], delta=2e-7)
             self.assertAlmostEqual(old[1] + north, new[1], delta=2e-6)  # the same pixels are fewer metres farther north
         self.click(browser, "#undo")
+        browser.wait_for(f"{longitude} === {before[0][0]}")
         browser.wait_for(SAVED)
-        browser.wait_for(f"shown.stored.mission.route.points[0][0] === {before[0][0]}")
         self.assertEqual(before, points(), "one step")
 
         # By keys, far to the east: out of the imagery, which is said and drawn.
         browser.evaluate("document.getElementById('map').focus()")
-        for _ in range(30):
-            browser.press("Control+Shift+ArrowRight")
-        browser.wait_for(SAVED)
+        browser.press(*["Control+Shift+ArrowRight"] * 30)
         browser.wait_for(covered + ".includes('no imagery on')")
         self.assertGreater(points()[0][0], before[0][0])
         self.keep(browser, "coverage")
@@ -421,17 +419,22 @@ class MissionsPage(support.EndToEnd):
         browser.evaluate("document.getElementById('map').focus()")
         browser.press("z")
         browser.wait_for(covered + ".startsWith('The imagery covers all')")
+        browser.wait_for(SAVED)
         self.assertEqual(before, points(), "keys that follow each other are one step")
 
-        # An area moves with its ground.
+        # An area by keys, as a whole.
         polygon = self.mission_of(browser)["mission"]["sectors"][0]["polygon"]
-        browser.evaluate("select('sectors[0]', null)")
+        latitude = "Number(document.querySelector('#sectors li.point:nth-child(1) [data-axis=lat]').value)"
+        self.click(browser, "#sectors li.point:nth-child(1) .number")
         browser.evaluate("document.getElementById('map').focus()")
         browser.press("Control+ArrowUp")
-        browser.wait_for(f"shown.stored.mission.sectors[0].polygon[0][1] > {polygon[0][1]}")
+        browser.wait_for(f"{latitude} > {polygon[0][1]}")
+        browser.wait_for(SAVED)
         changed = self.mission_of(browser)["mission"]["sectors"][0]["polygon"]
-        self.assertEqual(len(polygon), len(changed))
         self.assertEqual(changed[0], changed[-1])
+        for old, new in zip(polygon, changed, strict=True):
+            self.assertAlmostEqual(old[0], new[0], delta=2e-7)
+            self.assertGreater(new[1], old[1])
         self.check_quiet(browser)
 
     def test_layers_barriers_and_windows(self):

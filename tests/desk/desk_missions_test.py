@@ -140,7 +140,7 @@ class Missions(support.EndToEnd):
         away, reasons = coverage(lambda document: east(document, 0.1))
         self.assertEqual({"no imagery"}, reasons)
         self.assertAlmostEqual(away["needed_m2"], away["missing_m2"], delta=0.01 * away["needed_m2"])
-        for change in (lambda document: document.update(min_resolution_m=0.1), lambda document: document["freshness_days"].update(stable=1, active=1)):
+        for change in (lambda document: document.update(min_resolution_m=0.45), lambda document: document["freshness_days"].update(stable=1, active=1)):
             stale, reasons = coverage(change)
             self.assertEqual({"imagery too old or too coarse"}, reasons)
             self.assertAlmostEqual(stale["needed_m2"], stale["missing_m2"], delta=0.01 * stale["needed_m2"])
