@@ -57,8 +57,8 @@ constexpr bool is_supported(AutopilotType type) {
 std::string_view supported_autopilots();                    // for messages
 std::string name_of_autopilot(const Heartbeat& heartbeat);  // "PX4"; of another: "MAV_AUTOPILOT 12"
 
-// Whether a receiver of the autopilot is the aircraft's own one, of which GPS is judged. ArduPilot plays our fix back as
-// the receiver of gps_id; PX4 never does, and its second receiver is not judged.
+// Whether a receiver of the autopilot is the aircraft's own one, of which GPS is judged. ArduPilot plays our fix back
+// as the receiver of gps_id; PX4 never does, and its second receiver is not judged.
 constexpr bool is_real_receiver(AutopilotType type, const GpsRaw& gps, std::uint8_t gps_id) {
   return type == AutopilotType::px4 ? gps.receiver == 1 : gps.receiver != gps_id + 1;
 }

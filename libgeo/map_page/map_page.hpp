@@ -1,8 +1,8 @@
 // The map of our web pages: the texts that a page is made of, and the tiles that it asks for.
 //
 //   leaflet_script, leaflet_style   Leaflet 1.7.1 as Debian builds it
-//   drawing_script                  Leaflet.Editable 1.3.2: lines and polygons that are drawn and changed; after Leaflet
-//   calls.js      calls to a service: with the token when there is one, and an event stream that is resumed
+//   drawing_script                  Leaflet.Editable 1.3.2: lines and polygons that are drawn and changed; after
+//   Leaflet calls.js      calls to a service: with the token when there is one, and an event stream that is resumed
 //   base_map.js   the map beneath all pages: controls, a package's tiles, ellipses; with it comes
 //   vectors.js    a package's roads, water, woods and buildings
 //   map.js        FlightMap: tracks by segment, error ellipses, protection levels, fixes, marked objects

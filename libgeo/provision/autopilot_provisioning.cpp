@@ -75,12 +75,12 @@ AutopilotIdentity identify(AutopilotSession& session) {
         return true;
       });
   if (!known || identity.uid.empty()) {
-    throw Error(
-        {.what = "the autopilot does not identify itself",
-         .where = session.url(),
-         .expected = "AUTOPILOT_VERSION with the processor's identity",
-         .found = known ? "an identity of zeros" : fmt::format("no answer in {} s", session.timeout_s()),
-         .fix = "give its --signing-key if it has one, else update it: ArduPilot identifies itself since version 4.0, PX4 since 1.11"});
+    throw Error({.what = "the autopilot does not identify itself",
+                 .where = session.url(),
+                 .expected = "AUTOPILOT_VERSION with the processor's identity",
+                 .found = known ? "an identity of zeros" : fmt::format("no answer in {} s", session.timeout_s()),
+                 .fix = "give its --signing-key if it has one, else update it: ArduPilot identifies itself since "
+                        "version 4.0, PX4 since 1.11"});
   }
   return identity;
 }
@@ -154,7 +154,8 @@ std::optional<ReadParameter> read(AutopilotSession& session, const AutopilotIden
 std::optional<ReadParameter> set(AutopilotSession& session, const AutopilotIdentity& autopilot,
                                  const AutopilotParameter& one, double value) {
   const float wire = wire_value(value, one.type, parameter_encoding(autopilot.type));
-  const auto answer = ask(session, autopilot, one.name, ParameterSet{autopilot.address, one.name, wire, one.type}, value);
+  const auto answer =
+      ask(session, autopilot, one.name, ParameterSet{autopilot.address, one.name, wire, one.type}, value);
   return answer && answer->value == value ? read(session, autopilot, one.name) : answer;
 }
 
@@ -166,14 +167,15 @@ std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, const
   for (AutopilotParameter& one : parameters) {
     const auto answer = read(session, autopilot, one.name);
     if (!answer) {
-      throw Error({.what = "the autopilot does not report a parameter",
-                   .where = one.name,
-                   .expected = "its value",
-                   .found = fmt::format("no answer in {} s", session.timeout_s()),
-                   .fix = autopilot.type == AutopilotType::px4
-                              ? "the firmware must contain EKF2 with auxiliary global position (from 1.18 on) or external "
-                                "vision (CONFIG_EKF2_AUX_GLOBAL_POSITION, CONFIG_EKF2_EXTERNAL_VISION)"
-                              : "ArduPilot 4.6 or later with EKF3 is needed; GPS2_TYPE exists when GPS2 is enabled"});
+      throw Error(
+          {.what = "the autopilot does not report a parameter",
+           .where = one.name,
+           .expected = "its value",
+           .found = fmt::format("no answer in {} s", session.timeout_s()),
+           .fix = autopilot.type == AutopilotType::px4
+                      ? "the firmware must contain EKF2 with auxiliary global position (from 1.18 on) or external "
+                        "vision (CONFIG_EKF2_AUX_GLOBAL_POSITION, CONFIG_EKF2_EXTERNAL_VISION)"
+                      : "ArduPilot 4.6 or later with EKF3 is needed; GPS2_TYPE exists when GPS2 is enabled"});
     }
     one.present = answer->value;
     one.type = answer->type;
@@ -228,7 +230,8 @@ double imu_rate_hz(AutopilotSession& session, const AutopilotIdentity& autopilot
   int samples = 0;
   const auto count = [&](const ReceivedMessage& message) {
     const auto* imu = std::get_if<ImuSample>(&message.message);
-    if (imu == nullptr || message.source != autopilot.address || imu->instance != 1 || imu->time_us <= last_us) return false;
+    if (imu == nullptr || message.source != autopilot.address || imu->instance != 1 || imu->time_us <= last_us)
+      return false;
     last_us = imu->time_us;
     if (!first_us) first_us = last_us;
     return ++samples > kImuSamples || last_us - *first_us > kMaxMeasurement_us;
@@ -251,15 +254,14 @@ double check_imu_rate(AutopilotSession& session, const AutopilotIdentity& autopi
     rate_hz = imu_rate_hz(session, autopilot);
     if (rate_hz >= kMinImuRate_hz) return rate_hz;
   } while (rate_hz > 0 && std::chrono::steady_clock::now() < until);
-  throw Error(
-      {.what = "the rate of the accelerometer is too low",
-       .where = session.url(),
-       .expected = fmt::format("{} at {} Hz, as asked for; at least {}", imu_name(autopilot), kWantedImuRate_hz,
-                               kMinImuRate_hz),
-       .found = rate_hz > 0 ? fmt::format("{:.1f} Hz by the autopilot's clock", rate_hz) : "none",
-       .fix = autopilot.type == AutopilotType::px4
-                  ? "raise the link's baud rate (SER_…_BAUD), and set MAV_n_MODE 2 (Onboard) and MAV_n_RATE 0"
-                  : "raise the link's baud rate, and lower the SRn_ rates of other streams on it"});
+  throw Error({.what = "the rate of the accelerometer is too low",
+               .where = session.url(),
+               .expected = fmt::format("{} at {} Hz, as asked for; at least {}", imu_name(autopilot), kWantedImuRate_hz,
+                                       kMinImuRate_hz),
+               .found = rate_hz > 0 ? fmt::format("{:.1f} Hz by the autopilot's clock", rate_hz) : "none",
+               .fix = autopilot.type == AutopilotType::px4
+                          ? "raise the link's baud rate (SER_…_BAUD), and set MAV_n_MODE 2 (Onboard) and MAV_n_RATE 0"
+                          : "raise the link's baud rate, and lower the SRn_ rates of other streams on it"});
 }
 
 void check_gps_input(AutopilotSession& session, MavlinkAddress autopilot, int receiver) {
@@ -285,11 +287,10 @@ void check_gps_input(AutopilotSession& session, MavlinkAddress autopilot, int re
 }
 
 void check_estimator(AutopilotSession& session, MavlinkAddress autopilot) {
-  const bool reported =
-      session.request(set_message_interval(autopilot, StreamedMessage::estimator_status, 4),
-                      [&](const ReceivedMessage& message) {
-                        return message.source == autopilot && std::holds_alternative<EstimatorStatus>(message.message);
-                      });
+  const bool reported = session.request(
+      set_message_interval(autopilot, StreamedMessage::estimator_status, 4), [&](const ReceivedMessage& message) {
+        return message.source == autopilot && std::holds_alternative<EstimatorStatus>(message.message);
+      });
   if (reported) return;
   throw Error({.what = "PX4's position filter does not report",
                .where = session.url(),

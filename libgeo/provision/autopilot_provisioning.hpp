@@ -1,7 +1,7 @@
-// Prepares an autopilot for flying with us: identify it, set the parameters that it needs (ArduPilot: docs/autopilot.md,
-// PX4: docs/px4.md), install the key that its link is signed with, and test what only a try shows: that it sends its
-// accelerometer often enough, and that ArduPilot receives our GPS_INPUT. A step that fails stops with its reason and all changes are
-// reverted: an aircraft is provisioned or as it was before.
+// Prepares an autopilot for flying with us: identify it, set the parameters that it needs (ArduPilot:
+// docs/autopilot.md, PX4: docs/px4.md), install the key that its link is signed with, and test what only a try shows:
+// that it sends its accelerometer often enough, and that ArduPilot receives our GPS_INPUT. A step that fails stops with
+// its reason and all changes are reverted: an aircraft is provisioned or as it was before.
 #pragma once
 
 #include <functional>
@@ -16,8 +16,8 @@ namespace nadir {
 struct AutopilotIdentity {
   MavlinkAddress address;
   AutopilotType type = AutopilotType::ardupilot;
-  std::string uid;      // hexadecimal: of the processor, the same after every update
-  std::string version;  // "4.6.1"
+  std::string uid;             // hexadecimal: of the processor, the same after every update
+  std::string version;         // "4.6.1"
   std::uint32_t software = 0;  // the same, as AUTOPILOT_VERSION has it
 
   std::string_view name() const { return type == AutopilotType::px4 ? "PX4" : "ArduPilot"; }

@@ -14,8 +14,8 @@ namespace nadir {
 
 // How two sources of positions are used.
 enum class PositionRule {
-  given_first,  // ArduPilot, GPS_AUTO_SWITCH 4: the given one leads while it has a fix, and another leader is taken
-                // over at once
+  given_first,   // ArduPilot, GPS_AUTO_SWITCH 4: the given one leads while it has a fix, and another leader is taken
+                 // over at once
   side_by_side,  // PX4: each is let in by its own gate
 };
 

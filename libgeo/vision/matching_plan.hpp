@@ -34,7 +34,6 @@ AnchorMatch begin_match(const MatchingPlan& plan);
 // The ground that a frame taken in the searched square may show, with the attitude uncertainty of the prior.
 PlaneBox searched_ground(const CameraModel& camera, const AnchorPrior& prior, const MatchingPlan& plan);
 
-
 // The window without the parts beyond the map, except for a margin that a template may overhang.
 MapWindow cropped_to_map(const MapWindow& map, double margin_m);
 

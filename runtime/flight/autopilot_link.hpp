@@ -134,7 +134,8 @@ class AutopilotLink {
     std::function<void()> on_unauthenticated_peer;
     // Somebody at another address claims to be the autopilot; at most once in ten seconds.
     std::function<void(std::uint64_t frames)> on_rival{};
-    // A fix was due: inputs.sent says whether it went out, with a position or as "no fix", which PX4 is told by silence.
+    // A fix was due: inputs.sent says whether it went out, with a position or as "no fix", which PX4 is told by
+    // silence.
     std::function<void(DueFix due)> on_fix{};
     // Before take-off: a parameter is not what the airframe file says, or is again.
     std::function<void(const ParameterChanged&)> on_parameter_changed{};
@@ -166,10 +167,10 @@ class AutopilotLink {
 
   struct State {
     bool open = false;
-    std::string error;  // why it is closed
-    std::string autopilot;    // "PX4", by its heartbeat; empty before
-    bool supported = true;    // false: it gets no fixes
-    std::string missing;      // why it gets no fixes yet
+    std::string error;      // why it is closed
+    std::string autopilot;  // "PX4", by its heartbeat; empty before
+    bool supported = true;  // false: it gets no fixes
+    std::string missing;    // why it gets no fixes yet
     LinkCounts counts;
     std::uint64_t fixes_sent = 0;
     double longest_gap_s = 0;                  // between two fixes

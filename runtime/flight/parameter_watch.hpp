@@ -1,6 +1,6 @@
-// Whether the autopilot's parameters are still those that provisioning found or set: the airframe file lists them. Asked
-// for while the aircraft is disarmed, a few with each heartbeat, all of them again and again: a ground station may change
-// one at any time. In flight nothing is asked; it would change nothing.
+// Whether the autopilot's parameters are still those that provisioning found or set: the airframe file lists them.
+// Asked for while the aircraft is disarmed, a few with each heartbeat, all of them again and again: a ground station
+// may change one at any time. In flight nothing is asked; it would change nothing.
 #pragma once
 
 #include <cstddef>

@@ -17,7 +17,8 @@ constexpr std::int64_t kSecond_us = 1'000'000;
 
 DueFix fix_at(LonLat place, double sigma_m = 3) {
   DueFix due;
-  due.fix = Fix{.unix_us = 1'760'000'000'000'000, .place = place, .sigma_m = sigma_m, .msl_m = 600, .vertical_sigma_m = 4};
+  due.fix =
+      Fix{.unix_us = 1'760'000'000'000'000, .place = place, .sigma_m = sigma_m, .msl_m = 600, .vertical_sigma_m = 4};
   due.message = gps_input(*due.fix);
   return due;
 }

@@ -9,9 +9,8 @@ constexpr MavlinkAddress kAutopilot{1, 1};
 constexpr std::uint8_t kInt32 = 6;
 
 ParameterValue control(double value) {
-  return {.name = "EKF2_GPS_CTRL",
-          .wire_value = wire_value(value, kInt32, ParameterEncoding::bytewise),
-          .type = kInt32};
+  return {
+      .name = "EKF2_GPS_CTRL", .wire_value = wire_value(value, kInt32, ParameterEncoding::bytewise), .type = kInt32};
 }
 
 std::optional<double> set_to(const std::optional<OutgoingMessage>& message) {

@@ -47,8 +47,9 @@ TEST(Mgrs, IsReadInAnySpelling) {
 }
 
 TEST(Mgrs, WhatIsNoPositionIsRefused) {
-  for (const char* text : {"", " ", "18SUJ", "18SUJ20", "18SUJ2281606", "18SUJ228160683", "99SUJ2281606837", "18IUJ2281606837",
-                           "18SUJ2281606837X", "INVALID", "120.72,24.26", "18SZZ2281606837", "18S;UJ"}) {
+  for (const char* text :
+       {"", " ", "18SUJ", "18SUJ20", "18SUJ2281606", "18SUJ228160683", "99SUJ2281606837", "18IUJ2281606837",
+        "18SUJ2281606837X", "INVALID", "120.72,24.26", "18SZZ2281606837", "18S;UJ"}) {
     EXPECT_FALSE(lonlat_from_mgrs(text)) << text;
   }
   EXPECT_FALSE(lonlat_from_mgrs(std::string(100'000, '1')));
