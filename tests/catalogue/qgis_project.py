@@ -8,9 +8,10 @@ each rule takes; and what of the picture is not background.
 """
 import json
 import sys
+import xml.etree.ElementTree
 
-from qgis.core import (QgsApplication, QgsMapRendererParallelJob, QgsMapSettings, QgsProject, QgsRuleBasedRenderer,
-                       QgsExpressionContext, QgsExpressionContextUtils)
+from qgis.core import (QgsApplication, QgsMapRendererParallelJob, QgsMapSettings, QgsProject, QgsRectangle,
+                       QgsRuleBasedRenderer, QgsExpressionContext, QgsExpressionContextUtils)
 from qgis.PyQt.QtCore import QSize
 from qgis.PyQt.QtGui import QColor
 
@@ -55,7 +56,7 @@ for node in project.layerTreeRoot().findLayers():
     layers[node.name()] = {"valid": True, "shown": visible, "provider": layer.providerType(), "features": layer.featureCount(),
                            "fields": [field.name() for field in layer.fields()], "rules": taken, "label": label,
                            "texts": sorted(set(texts))[:20], "crs": layer.crs().authid(), "source": layer.source()}
-    if layer.providerType() == "spatialite":
+    if layer.providerType() == "postgres":
         # As a layer that somebody adds by hand: QGIS asks the database for its default style.
         style, found = layer.loadDefaultStyle()
         layers[node.name()]["default_style"] = [found, type(layer.renderer()).__name__]
@@ -64,7 +65,10 @@ settings.setLayers(shown)
 settings.setBackgroundColor(QColor(255, 255, 255))
 settings.setOutputSize(QSize(1200, 900))
 settings.setDestinationCrs(project.crs())
-settings.setExtent(project.viewSettings().defaultViewExtent())
+# What QGIS shows first; the whole world where nothing is in the catalogue.
+extent = xml.etree.ElementTree.parse(sys.argv[1]).find("mapcanvas/extent")
+corners = [-2e7, -2e7, 2e7, 2e7] if extent is None else [float(extent.findtext(name)) for name in ("xmin", "ymin", "xmax", "ymax")]
+settings.setExtent(QgsRectangle(*corners))
 job = QgsMapRendererParallelJob(settings)
 job.start()
 job.waitForFinished()
