@@ -59,7 +59,7 @@ const char* form(std::uint64_t) { return "a whole number that is not negative"; 
 const char* form(double) { return "a number"; }
 const char* form(LonLat) {
   return "longitude,latitude in degrees (120.72,24.26), or an MGRS reference of a square of 1 km or less "
-         "(18SUJ2281606837)";
+         "(18SUJ2282106997)";
 }
 const char* form(UtcTime) { return "a date (2024-10-30) or an RFC 3339 time (2024-10-30T12:00:00Z)"; }
 

@@ -308,7 +308,9 @@ TEST_F(MissionFiles, PinsAloneAreNoRoute) {
 <Placemark><name>A</name><Point><coordinates>11,48,0</coordinates></Point></Placemark>
 <Placemark><name>B</name><Point><coordinates>11.1,48,0</coordinates></Point></Placemark></Document></kml>)");
   try {
-    mission_from_drawing(read_mission_drawing(path), {}, "pins.kml");
+    MissionImportOptions options;
+    options.id = "pins";
+    mission_from_drawing(read_mission_drawing(path), options, "pins.kml");
     FAIL() << "no route";
   } catch (const UsageError& error) {
     EXPECT_NE(error.text().found.find("no lines; 2 points"), std::string::npos) << error.text().found;

@@ -75,17 +75,19 @@ const makeMissionMap = (container, { onSelect, onPoints, onRadius, onDrawn, onTo
     for (const group of [grounds, parts, marks]) group.clearLayers();
     bands.length = 0;
     if (!doc) return;
+    let route = null;
     for (const shape of shapesOf(doc)) {
       const at = latLngs(shape);
       if (at.length === 0 || at.includes(null)) continue;
       if (shape === "takeoff") { showTakeoff(at[0]); continue; }
       const layer = layerOf(shape, at).addTo(parts);
       layer.part = shape;
-      if (shape !== "route") addLabel(shape, layer);
+      if (shape === "route") route = layer; else addLabel(shape, layer);
       layer.on("click", () => { if (performance.now() > draggedAt + dragClick_ms) onSelect(shape, null); });
       layer.on("mousedown", (event) => dragPart(layer, event));
       if (shape === selected) layer.enableEdit(map);
     }
+    route?.bringToFront();  // else the areas that it crosses would be clicked
     const chosen = selected && point !== null ? latLngs(selected)[point] : null;
     if (chosen) L.circleMarker(chosen, { interactive: false, radius: 13, color: "#0a0f14", weight: 3, fill: false }).addTo(marks);
     setWidths();

@@ -58,7 +58,8 @@ that were promoted. QGIS reads the catalogue each time that it draws, so that on
 what is added later is shown too. Files are named relative to the project; keep both together.
 
 With --store-styles layers that are added to other projects by hand look the same: the styles are
-stored in the database's table layer_styles, where QGIS finds them. Other styles there are kept.
+stored in the database's table layer_styles, where QGIS finds those of PostGIS. Other styles there
+are kept.
 
 Exit codes: 0 written, 2 the job could not be done.)";
 }
