@@ -46,7 +46,7 @@ struct LayerDesign {
 constexpr const char* kCurrent = R"("current" = 1)";
 constexpr const char* kSeriesSequence = R"("series" || ' ' || "sequence")";
 
-// Colours differ in lightness as well, so that they are told apart without seeing red or green.
+// Colours differ in lightness as well, so that they are distinguishable without seeing red or green.
 std::vector<Rule> age_rules() {
   const char* const age = R"(day(age(now(), to_datetime("captured_at"))))";
   static const std::string recent = fmt::format("{} <= 90", age), year = fmt::format("{0} > 90 AND {0} <= 365", age),

@@ -135,7 +135,7 @@ TEST_F(CacheDiff, APatchMakesTheOtherPackage) {
   maker_.make(folder_, "old");
   folder_.write("root.json", sign_root(maker_.root, {&maker_.signer}).json());
   write_file_atomic(folder_ / "p.key.pem", maker_.signer.pem(), 0600);
-  write_file_atomic(folder_ / "stranger.pem", PrivateKey::generate().pem(), 0600);
+  write_file_atomic(folder_ / "other.pem", PrivateKey::generate().pem(), 0600);
   maker_.mission = test::mission_yaml({{"sequence: 3", "sequence: 4"}});
   maker_.make(folder_, "new");
   const std::vector<std::string> patch{"cache", "diff", "@old", "@new", "--patch", "@patch", "--trust", "@root.json"};
@@ -144,7 +144,7 @@ TEST_F(CacheDiff, APatchMakesTheOtherPackage) {
     args.insert(args.end(), {"--key", key});
     return args;
   };
-  EXPECT_EQ(run(with_key("@stranger.pem")), 2);
+  EXPECT_EQ(run(with_key("@other.pem")), 2);
   EXPECT_EQ(run(patch), 2);
   EXPECT_FALSE(fs::exists(folder_ / "patch"));
   ASSERT_EQ(run(with_key("@p.key.pem")), 0) << err_.str();

@@ -115,9 +115,9 @@ TEST_F(PackagePatch, IsForOnePackageOnly) {
 }
 
 TEST_F(PackagePatch, NothingUnsignedOrSignedByOthersIsApplied) {
-  const PrivateKey stranger = PrivateKey::generate();
+  const PrivateKey other_key = PrivateKey::generate();
   EXPECT_THROW(make_patch(folder_ / "old", folder_ / "new", {}, folder_ / "patch", progress_), Error);
-  make_patch(folder_ / "old", folder_ / "new", {&stranger}, folder_ / "patch", progress_);
+  make_patch(folder_ / "old", folder_ / "new", {&other_key}, folder_ / "patch", progress_);
   EXPECT_TRUE(apply().findings.contains("key.unknown"));
   make();
   maker_.root.package_signer.threshold = 2;
