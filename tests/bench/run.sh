@@ -54,6 +54,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   looks         labelled looks at maps of painted and real ground (--resume FILE; seeds below 1000 train, from 1000000 on judge;
                 --matchability FILE: how often they find their place, by the matchability of the ground)
   integrity     looks that cannot be right, on unseen seeds and imagery, and misleading positions under faults (--part PART --resume FILE; hours)
+  own-network   a descriptor network of our own, trained and judged against oriented gradients (train DATA --out FILE; judge FILE...; needs PyTorch)
   fit-likelihood  the likelihood ratio of a look, fitted to such looks and written as a table (--looks FILE...)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).
@@ -116,6 +117,7 @@ part() {
     large-flight) one_program bench_large_flight && build/bin/bench_large_flight "$@" ;;
     adjusted)     one_program nadir && one_program bench_adjusted_flight && python3 -B "$here/adjusted.py" build "$@" ;;
     adjustment)   one_program bench_adjustment && build/bin/bench_adjustment "$@" ;;
+    own-network)  with_bench_python "$here/own_network.py" "$@" ;;
     survey)       one_program nadir && with_bench_python "$here/survey.py" "$@" ;;
     closed-loop)  build-venv/bin/python -B "$here/../e2e/closed_loop.py" "$@" ;;
     sync)         one_program test_killed_sync && one_program test_make_candidates && python3 -B "$here/sync.py" "$@" ;;
