@@ -225,9 +225,10 @@ class TokenKey final : public KeyDevice {
       if (result != CKR_OK) token_failed(text_, "the token does not accept the PIN for a signature", result);
     }
     Signature signature{};
+    unsigned char nothing = 0;  // tokens take no null pointer for an empty message
     unsigned long size = signature.size();
-    result =
-        call_->C_Sign(session_, const_cast<unsigned char*>(message.data()), message.size(), signature.data(), &size);
+    result = call_->C_Sign(session_, message.empty() ? &nothing : const_cast<unsigned char*>(message.data()),
+                           message.size(), signature.data(), &size);
     if (result != CKR_OK) token_failed(text_, "the token does not sign", result);
     if (size != signature.size() || !public_key_->verifies(message, signature)) {
       throw Error({.what = "the token made a wrong signature",
