@@ -33,6 +33,7 @@ packages_build=(
   liblz4-dev                 # chunks of other people's MCAP files
   zlib1g-dev                 # CRC-32
   librsync-dev               # patches of packages
+  libp11-kit-dev             # keys in tokens, by PKCS#11
   libgeographiclib-dev       # grid references (MGRS); the tests' oracle for local frames
   libboost-dev               # Beast, Asio: the HTTP of nadird; headers alone, libgdal-dev brings them anyway
   libcurl4-openssl-dev       # `nadir sync`; libgdal-dev takes it in the place of the one with GnuTLS
@@ -65,6 +66,9 @@ packages_test=(
   chromium                   # the pages in a real browser
   postgresql-15              # a real server, which the tests of the catalogue start and stop
   postgresql-15-postgis-3    # its geometries
+  age                        # encrypts packages, as docs/secrecy.md says
+  softhsm2                   # a PKCS#11 token in software
+  opensc                     # pkcs11-tool, which makes keys in it
 )
 packages_package=(
   libgstreamer1.0-dev        # the camera plug-ins: GStreamer's …

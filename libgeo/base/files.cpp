@@ -68,12 +68,12 @@ PendingFile::PendingFile(fs::path path, ByteView bytes, unsigned mode, Until unt
   try {
     // An unnamed file gets its name through /proc.
     if (until == Until::unnamed && ::access("/proc/self/fd", X_OK) == 0) {
-      file_ = ::openat(folder_, ".", O_TMPFILE | O_WRONLY | O_CLOEXEC, 0600);
+      file_ = ::openat(folder_, ".", O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
     }
     if (file_ < 0) take_hidden_name(true);
     if (::fchmod(file_, mode) != 0) fail("cannot set the mode", path_, errno);
-    write_all(file_, bytes, path_);
-    if (::fsync(file_) != 0) fail("cannot sync to disk", path_, errno);
+    append(bytes);
+    sync();
   } catch (...) {
     discard();
     throw;
@@ -81,6 +81,23 @@ PendingFile::PendingFile(fs::path path, ByteView bytes, unsigned mode, Until unt
 }
 
 PendingFile::~PendingFile() { discard(); }
+
+void PendingFile::append(ByteView bytes) {
+  write_all(file_, bytes, path_);
+  size_ += bytes.size();
+}
+
+bool PendingFile::read_at(std::uint64_t at, std::span<std::uint8_t> target) const {
+  while (!target.empty()) {
+    const ssize_t got = ::pread(file_, target.data(), target.size(), static_cast<off_t>(at));
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) fail("cannot read", path_, errno);
+    if (got == 0) return false;
+    at += static_cast<std::uint64_t>(got);
+    target = target.subspan(static_cast<std::size_t>(got));
+  }
+  return true;
+}
 
 void PendingFile::discard() {
   if (!hidden_.empty()) ::unlinkat(folder_, hidden_.c_str(), 0);
@@ -97,7 +114,7 @@ void PendingFile::take_hidden_name(bool create) {
     if (::getrandom(&random, sizeof random, 0) != sizeof random) fail("cannot create", path_, errno);
     const std::string name = fmt::format(".{:.200}.{:016x}.tmp", name_, random);
     if (create) {
-      file_ = ::openat(folder_, name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
+      file_ = ::openat(folder_, name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
     }
     if (create ? file_ >= 0 : link_to(name)) {
       hidden_ = name;
@@ -113,6 +130,7 @@ bool PendingFile::link_to(const std::string& name) const {
 }
 
 bool PendingFile::create() {
+  sync();
   if (hidden_.empty()) {
     if (!link_to(name_)) {
       if (errno == EEXIST) return false;
@@ -132,10 +150,15 @@ bool PendingFile::create() {
 }
 
 void PendingFile::replace() {
+  sync();
   if (hidden_.empty()) take_hidden_name(false);
   if (::renameat(folder_, hidden_.c_str(), folder_, name_.c_str()) != 0) fail("cannot rename to", path_, errno);
   hidden_.clear();
   sync_folder();
+}
+
+void PendingFile::sync() const {
+  if (::fsync(file_) != 0) fail("cannot sync to disk", path_, errno);
 }
 
 void PendingFile::sync_folder() const {

@@ -21,6 +21,8 @@ std::string read_text_file(const std::filesystem::path& path, std::uint64_t max_
 // hidden name that is created anew (O_EXCL) until then.
 //
 // What has the final name already is never written to. A symbolic link is replaced itself; its target is not touched.
+//
+// Without a name at the end it is a spool: bytes that are larger than memory, on the disk beside what they will become.
 class PendingFile {
  public:
   enum class Until { unnamed, hidden_name };  // hidden_name: as where unnamed files do not exist
@@ -31,18 +33,24 @@ class PendingFile {
   PendingFile(const PendingFile&) = delete;
   PendingFile& operator=(const PendingFile&) = delete;
 
-  // Both sync the folder. create(): false when something has the name already, be it a dangling link; of several
-  // processes one succeeds.
+  void append(ByteView bytes);
+  std::uint64_t size() const { return size_; }
+  bool read_at(std::uint64_t at, std::span<std::uint8_t> target) const;  // false when the file ends before
+
+  // Both sync the file and the folder. create(): false when something has the name already, be it a dangling link; of
+  // several processes one succeeds.
   bool create();
   void replace();
 
  private:
   void take_hidden_name(bool create);
   bool link_to(const std::string& name) const;
+  void sync() const;
   void sync_folder() const;
   void discard();
 
   std::filesystem::path path_;
+  std::uint64_t size_ = 0;
   std::string name_, hidden_;  // in the folder; the second is empty while the file is unnamed or once it has its name
   int folder_ = -1;
   int file_ = -1;

@@ -114,6 +114,8 @@ nlohmann::json stac_item(const ExportedImage& image, const Extent& extent, const
            {{"datetime", to_rfc3339(image.captured_at)},
             {"gsd", image.gsd_m},
             {"providers", {{{"name", "flights of " + names}}}},
+            {"license",
+             kUnknownLicence},  // whose flights they are, and what may be done with them, is the operator's to say
             {"nadir:ce90_m", image.ce90_m},
             {"nadir:tiles", image.tiles}}},
           {"assets",

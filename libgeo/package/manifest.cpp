@@ -17,7 +17,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t kMaxArtifacts = 1000;
+constexpr std::size_t kMaxArtifacts = 1000, kMaxSources = 1000;
 constexpr std::uint64_t kMaxInteger = std::uint64_t{1} << 53;  // every JSON reader keeps these exact
 constexpr JsonLength kTextLength{1, 64};
 constexpr JsonLength kAttributionLength{1, kMaxAttribution};
@@ -57,6 +57,15 @@ LonLatBox read_bounds(const JsonReader& list) {
   return {degrees(0, kMaxLon_e7), degrees(1, kMaxLat_e7), degrees(2, kMaxLon_e7), degrees(3, kMaxLat_e7)};
 }
 
+SourceLicence read_source(const JsonReader& in) {
+  SourceLicence source;
+  source.source = in.text("source", {1, 4096});
+  source.licence = in.text("licence", kTextLength);
+  if (in.has("attribution")) source.attribution = in.text("attribution", kAttributionLength);
+  in.finish(kNotePrefix);
+  return source;
+}
+
 TileSetFacts read_tile_set(const JsonReader& in) {
   TileSetFacts facts;
   facts.count = in.integer<std::uint64_t>("count", 0, kMaxInteger);
@@ -66,6 +75,10 @@ TileSetFacts read_tile_set(const JsonReader& in) {
   facts.zoom.max = in.integer<int>("zoom_max", 0, kMaxZoom);
   if (facts.zoom.min > facts.zoom.max) in.refuse("zoom_min not above zoom_max");
   facts.format = in.choice("format", {"jpeg", "png", "webp"});
+  if (const auto sources = in.optional_array("sources", {1, kMaxSources})) {
+    for (std::size_t i = 0; i < sources->size(); ++i) facts.sources.push_back(read_source(sources->object(i)));
+    if (!std::is_sorted(facts.sources.begin(), facts.sources.end())) in.refuse("sources", "sources in their order");
+  }
   in.finish(kNotePrefix);
   return facts;
 }
@@ -200,6 +213,11 @@ json to_json(const Artifact& artifact) {
                        {"zoom_min", artifact.tiles->zoom.min},
                        {"zoom_max", artifact.tiles->zoom.max},
                        {"format", artifact.tiles->format}};
+    for (const SourceLicence& source : artifact.tiles->sources) {
+      json item{{"source", source.source}, {"licence", source.licence}};
+      if (!source.attribution.empty()) item["attribution"] = source.attribution;
+      object["tiles"]["sources"].push_back(std::move(item));
+    }
   }
   if (artifact.vectors) {
     const VectorFacts& vectors = *artifact.vectors;

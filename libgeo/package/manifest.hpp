@@ -50,15 +50,27 @@ inline constexpr std::string_view kRoleVectors = "vectors";
 inline constexpr std::size_t kMaxPackagePath = 200;
 std::optional<std::string> path_problem(std::string_view path);
 
+inline constexpr std::size_t kMaxAttribution = 200;             // bytes
+inline constexpr std::size_t kMaxLicence = 64;                  // bytes
+inline constexpr std::string_view kUnknownLicence = "unknown";  // said, not left out
+
+// What the licence of a source is that tiles name in their sidecars, and what it asks to be shown.
+struct SourceLicence {
+  std::string source;       // one name of Sidecar::source
+  std::string licence;      // an SPDX identifier, a name ("proprietary"), or kUnknownLicence
+  std::string attribution;  // "© survey 2024"; empty: nothing is asked for
+
+  auto operator<=>(const SourceLicence&) const = default;
+};
+
 struct TileSetFacts {
   std::uint64_t count = 0;
   Sha256 merkle_root;      // over the tiles' stored digests in the order of TileKey (trust/merkle.hpp)
   Sha256 sidecars_sha256;  // over the sidecar rows (SidecarDigest in sidecar.hpp)
   ZoomRange zoom;
-  std::string format;  // "jpeg", "png", "webp"
+  std::string format;                    // "jpeg", "png", "webp"
+  std::vector<SourceLicence> sources{};  // sorted; those whose licence was stated when the package was built
 };
-
-inline constexpr std::size_t kMaxAttribution = 200;  // bytes
 
 // Where vectors come from, and what their licence asks to be shown (package/vector_layer.hpp).
 struct VectorFacts {

@@ -3,10 +3,13 @@
 #include <algorithm>
 #include <array>
 #include <exception>
+#include <nlohmann/json.hpp>
 #include <utility>
 
+#include "base/json.hpp"
 #include "imagery/cog_reader.hpp"
 #include "imagery/mbtiles.hpp"
+#include "imagery/pmtiles.hpp"
 #include "package/manifest.hpp"
 #include "package/sidecar.hpp"
 
@@ -133,6 +136,16 @@ std::unique_ptr<TileContainer> open_mbtiles_container(InputFile file, SqliteSche
                .fix = "give a raster tile set in MBTiles 1.3, or a COG"});
 }
 
+void add_to_summary(const TileKey& key, std::uint64_t bytes, std::vector<ZoomSummary>& zooms) {
+  const std::int64_t x = key.x, y = key.tms_row();
+  if (zooms.empty() || zooms.back().zoom != key.z) zooms.push_back({key.z, 0, 0, x, x, y, y});
+  ZoomSummary& zoom = zooms.back();
+  ++zoom.tiles;
+  zoom.bytes += static_cast<std::int64_t>(bytes);
+  zoom.first_column = std::min(zoom.first_column, x), zoom.last_column = std::max(zoom.last_column, x);
+  zoom.first_tms_row = std::min(zoom.first_tms_row, y), zoom.last_tms_row = std::max(zoom.last_tms_row, y);
+}
+
 // Tiles that are cut out of decoded blocks are absent when nothing of them is shown: that needs their pixels.
 class CogCursor final : public TileCursor {
  public:
@@ -190,15 +203,7 @@ class CogContainer final : public TileContainer {
 
   std::vector<ZoomSummary> summary() const override {
     std::vector<ZoomSummary> zooms;
-    for (const TileKey& key : reader_.keys()) {
-      const std::int64_t x = key.x, y = key.tms_row();
-      if (zooms.empty() || zooms.back().zoom != key.z) zooms.push_back({key.z, 0, 0, x, x, y, y});
-      ZoomSummary& zoom = zooms.back();
-      ++zoom.tiles;
-      zoom.bytes += static_cast<std::int64_t>(reader_.stored_size(key));
-      zoom.first_column = std::min(zoom.first_column, x), zoom.last_column = std::max(zoom.last_column, x);
-      zoom.first_tms_row = std::min(zoom.first_tms_row, y), zoom.last_tms_row = std::max(zoom.last_tms_row, y);
-    }
+    for (const TileKey& key : reader_.keys()) add_to_summary(key, reader_.stored_size(key), zooms);
     return zooms;
   }
 
@@ -229,6 +234,71 @@ class CogContainer final : public TileContainer {
   std::optional<SqliteDatabase> sidecars_;
 };
 
+class PmtilesCursor final : public TileCursor {
+ public:
+  PmtilesCursor(const PmtilesReader& reader, std::vector<TileKey> keys) : reader_(reader), keys_(std::move(keys)) {}
+
+  bool next() override {
+    if (next_ == keys_.size()) return false;
+    key_ = keys_[next_++];
+    bytes_.reset();
+    return true;
+  }
+  std::optional<TileKey> key() const override { return key_; }
+  std::string address() const override { return "tile " + to_text(key_); }
+  ByteView bytes() override {
+    if (!bytes_) bytes_ = reader_.read(key_);
+    return bytes_ ? ByteView(*bytes_) : ByteView();
+  }
+  std::optional<Bytes> mask() override { return std::nullopt; }
+
+ private:
+  const PmtilesReader& reader_;
+  std::vector<TileKey> keys_;
+  std::size_t next_ = 0;
+  TileKey key_;
+  std::optional<Bytes> bytes_;
+};
+
+class PmtilesContainer final : public TileContainer {
+ public:
+  explicit PmtilesContainer(InputFile file) : reader_(std::move(file)) {}
+
+  std::string_view kind() const override { return "pmtiles"; }
+  std::unique_ptr<TileCursor> tiles(bool /*with_bytes*/) const override {
+    return std::make_unique<PmtilesCursor>(reader_, reader_.keys());
+  }
+  std::uint64_t count() const override { return reader_.keys().size(); }
+
+  std::vector<ZoomSummary> summary() const override {
+    std::vector<ZoomSummary> zooms;
+    for (const TileKey& key : reader_.keys()) {
+      add_to_summary(key, reader_.stored_size(key).value_or(0), zooms);
+    }
+    return zooms;
+  }
+
+  // As MBTiles names it; what the JSON says beyond texts is left out.
+  std::map<std::string, std::string> metadata() const override {
+    std::map<std::string, std::string> entries;
+    if (reader_.metadata().empty()) return entries;
+    const nlohmann::json document = parse_json(reader_.metadata(), "the file's metadata");
+    for (const auto& [name, value] : document.items()) {
+      if (value.is_string()) entries[name] = value.get<std::string>();
+    }
+    return entries;
+  }
+  const SqliteDatabase* sidecars() const override { return nullptr; }
+
+ private:
+  PmtilesReader reader_;
+};
+
+bool begins_as_pmtiles(const InputFile& file) {
+  std::array<std::uint8_t, kPmtilesMagic.size()> head{};
+  return file.read_at(0, head) && as_text(head) == kPmtilesMagic;
+}
+
 bool begins_as_tiff(const InputFile& file) {
   std::array<std::uint8_t, 4> head{};
   const bool whole = file.read_at(0, head);
@@ -249,6 +319,9 @@ TileSetFiles open_tile_set_files(const std::filesystem::path& path) {
 
 std::unique_ptr<TileContainer> open_tile_container(TileSetFiles files, const TileSetRules& rules) {
   if (begins_as_tiff(files.tiles)) return std::make_unique<CogContainer>(std::move(files), rules);
+  if (rules.pmtiles && begins_as_pmtiles(files.tiles)) {
+    return std::make_unique<PmtilesContainer>(std::move(files.tiles));
+  }
   return open_mbtiles_container(std::move(files.tiles), rules.schema);
 }
 
@@ -258,6 +331,7 @@ std::unique_ptr<TileContainer> open_tile_container(const std::filesystem::path& 
 
 std::unique_ptr<TileSource> open_tile_source(InputFile tiles, const TileSetRules& rules) {
   if (begins_as_tiff(tiles)) return std::make_unique<CogReader>(std::move(tiles), rules.cog);
+  if (rules.pmtiles && begins_as_pmtiles(tiles)) return std::make_unique<PmtilesReader>(std::move(tiles));
   return std::make_unique<MbtilesReader>(std::move(tiles), rules.schema);
 }
 

@@ -1,5 +1,5 @@
-// A tile set in a file of either container, MBTiles or COG. Code that checks, compares and displays tile sets iterates
-// over them with TileContainer; the aircraft reads single tiles through TileSource.
+// A tile set in a file: MBTiles or COG, which packages have, or PMTiles of others. Code that checks, compares and
+// displays tile sets iterates over them with TileContainer; the aircraft reads single tiles through TileSource.
 //
 // Sidecars and metadata are in the MBTiles file itself; those of a COG are in sidecars.sqlite in the same folder.
 #pragma once
@@ -41,7 +41,7 @@ struct ZoomSummary {
 class TileContainer {
  public:
   virtual ~TileContainer() = default;
-  virtual std::string_view kind() const = 0;  // "mbtiles", "cog"
+  virtual std::string_view kind() const = 0;  // "mbtiles", "cog", "pmtiles"
   virtual std::unique_ptr<TileCursor> tiles(bool with_bytes) const = 0;
   virtual std::uint64_t count() const = 0;  // upper limit of what the cursor visits
   virtual std::vector<ZoomSummary> summary() const = 0;
@@ -63,9 +63,12 @@ TileSetFiles open_tile_set_files(const std::filesystem::path& tiles);
 struct TileSetRules {
   SqliteSchema schema = SqliteSchema::any;  // other programs keep tiles in views
   CogLimits cog{};
+  bool pmtiles = true;
 
   // A package's, whose manifest states so many tiles.
-  static TileSetRules of_package(std::uint64_t tiles) { return {SqliteSchema::plain, CogLimits::for_tiles(tiles)}; }
+  static TileSetRules of_package(std::uint64_t tiles) {
+    return {SqliteSchema::plain, CogLimits::for_tiles(tiles), false};
+  }
 };
 
 // By the file's first bytes. Throws TiffError for a TIFF that is no tile set, Error for a file that is neither, that is

@@ -376,11 +376,14 @@ class Validator {
       mirrored += has({key.z, key.x, key.tms_row()}) ? 1U : 0U;
     }
     if (present != 0 || mirrored == 0) return;
+    const bool from_south = container_->kind() == "mbtiles";
     add({.code = "tile.misaddressed",
          .where = fmt::format("zoom {}, {} {}", mission_.zoom.max, mirrored, mirrored == 1 ? "tile" : "tiles"),
-         .expected = "rows counted from the south (TMS), as in MBTiles",
-         .found = "rows counted from the north (XYZ): tiles mirrored at the equator",
-         .fix = "write tile_row = 2^zoom - 1 - y"});
+         .expected = from_south ? "rows counted from the south (TMS), as in MBTiles"
+                                : "rows counted from the north (XYZ), as in PMTiles",
+         .found = from_south ? "rows counted from the north (XYZ): tiles mirrored at the equator"
+                             : "rows counted from the south (TMS): tiles mirrored at the equator",
+         .fix = from_south ? "write tile_row = 2^zoom - 1 - y" : "convert the tiles again, with y = 2^zoom - 1 - row"});
   }
 
   const std::filesystem::path& path_;

@@ -128,9 +128,10 @@ std::string describe_build(const PackageRequest& request, std::string_view missi
       fmt::format("program: {}\nmission: sha256 {}\n", request.program, sha256(as_bytes(mission_text)).hex());
   for (std::size_t i = 0; i < inputs.size(); ++i) {
     const ImageryFacts& facts = inputs[i].facts;
-    text += fmt::format("imagery {}: sha256 {}, captured {}, gsd {}, ce90 {}, provider {}, stretch {}\n", i + 1,
-                        digest_of(inputs[i].path), to_rfc3339(facts.captured_at), facts.gsd_m, facts.ce90_m,
-                        facts.provider, inputs[i].stretch ? to_text(*inputs[i].stretch) : "none");
+    text += fmt::format(
+        "imagery {}: sha256 {}, captured {}, gsd {}, ce90 {}, provider {}, licence {}, attribution {}, stretch {}\n",
+        i + 1, digest_of(inputs[i].path), to_rfc3339(facts.captured_at), facts.gsd_m, facts.ce90_m, facts.provider,
+        facts.licence, facts.attribution, inputs[i].stretch ? to_text(*inputs[i].stretch) : "none");
   }
   text += fmt::format("seams: feather {} m\n", request.tiles.mosaic.feather_m);
   text += fmt::format("dem: {}\n", request.dem ? "sha256 " + digest_of(*request.dem) : "none");
@@ -196,7 +197,8 @@ void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journa
   const auto& [request, mission, mission_text, inputs, range, terrain, vectors, at] = plan;
   const fs::path tiles = folder / file_of(request.tiles.container);
   fs::create_directories(tiles.parent_path());
-  const TileSet set = build_tile_set(mission, inputs, range, request.tiles, tiles, journal, progress);
+  TileSet set = build_tile_set(mission, inputs, range, request.tiles, tiles, journal, progress);
+  set.facts.sources = stated_sources(set.sidecars, inputs);
   if (set.over_budget) {
     report.findings = check_budget(mission, set.tile_bytes, set.expected_bytes);
     return;
@@ -239,6 +241,8 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
   report.findings = check_plan(mission, inputs, range, at);
   if (request.now) report.findings.add(check_expiry(mission, *request.now, Severity::warning));
   Findings of_inputs = check_stated_resolution(inputs);  // the tiles that are made say nothing of these
+  of_inputs.add(check_stated_places(inputs));
+  of_inputs.add(check_stated_licences(inputs));
   const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, request.dem, of_inputs);
   if (report.findings.has_errors() || of_inputs.has_errors()) {
     report.findings.add(of_inputs);

@@ -246,6 +246,8 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   std::optional<PlaceTable> old_index;
   if (request.index) old_index = previous_place_table(request.old_package, *old.manifest);
   const std::vector<ImageryInput> rasters = open_imagery(request.imagery, request.overrides, request.stretches);
+  findings.add(check_stated_places(rasters));
+  findings.add(check_stated_licences(rasters));
   const RootChain roots = read_root_chain(request.roots, at, old.roots, request.trust);
   const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, dem, findings);
   const std::optional<PackageVectors> vectors = request.vectors
@@ -259,8 +261,9 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   const fs::path& folder = staging.path();
   const fs::path file = folder / file_of(options.container);
   fs::create_directories(file.parent_path());
-  const UpdatedTileSet updated = update_tile_set(mission, {request.old_package / imagery.path, std::move(old.tiles)},
-                                                 rasters, range, options, file, progress);
+  UpdatedTileSet updated = update_tile_set(mission, {request.old_package / imagery.path, std::move(old.tiles)}, rasters,
+                                           range, options, file, progress);
+  updated.set.facts.sources = stated_sources(updated.set.sidecars, rasters, imagery.tiles->sources);
   findings.add(updated.findings);
   if (updated.set.over_budget) findings.add(check_budget(mission, updated.set.tile_bytes));
   if (findings.has_errors()) return report;

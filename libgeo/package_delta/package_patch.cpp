@@ -252,17 +252,19 @@ MadePatch make_patch(const fs::path& old_package, const fs::path& new_package,
   for (const auto& [path, file] : new_files) made.package_bytes += file.size();
 
   ByteProgress bytes(progress, "comparing", made.package_bytes);
-  Bytes bodies;  // the whole point of a patch is that it is small
+  PendingFile bodies(out, {});  // unnamed, beside the patch: where the container changes they are a whole package
   for (const auto& [path, file] : new_files) {
     PatchedFile& entry = made.header.files.emplace_back(PatchedFile{path, facts_of(file), std::nullopt, std::nullopt});
     const auto old_file = old_files.find(path);
     if (old_file != old_files.end()) entry.old_file = facts_of(old_file->second);
     if (entry.old_file != entry.facts) {
-      const std::size_t begin = bodies.size();
-      make_file_delta(entry.old_file ? &old_file->second : nullptr, file,
-                      [&](ByteView part) { bodies.insert(bodies.end(), part.begin(), part.end()); });
-      const ByteView body = ByteView(bodies).subspan(begin);
-      entry.body = FileFacts{body.size(), sha256(body)};
+      const std::uint64_t begin = bodies.size();
+      Sha256Stream digest;
+      make_file_delta(entry.old_file ? &old_file->second : nullptr, file, [&](ByteView part) {
+        digest.update(part);
+        bodies.append(part);
+      });
+      entry.body = FileFacts{bodies.size() - begin, digest.finish()};
     }
     bytes.add(file.size());
   }
@@ -273,11 +275,16 @@ MadePatch make_patch(const fs::path& old_package, const fs::path& new_package,
   const std::string header = document.json();
   parse_patch(as_bytes(header), out.string());
   const auto length = little_endian(static_cast<std::uint32_t>(header.size()));
-  Bytes file(kPatchMagic.begin(), kPatchMagic.end());
-  file.insert(file.end(), length.begin(), length.end());
-  file.insert(file.end(), header.begin(), header.end());
-  file.insert(file.end(), bodies.begin(), bodies.end());
-  write_file_atomic(out, file);
+  PendingFile file(out, as_bytes(kPatchMagic));
+  file.append(length);
+  file.append(as_bytes(header));
+  Bytes buffer(kStep_bytes);
+  for (std::uint64_t at = 0; at < bodies.size(); at += buffer.size()) {
+    const std::span part = std::span(buffer).first(std::min<std::uint64_t>(buffer.size(), bodies.size() - at));
+    if (!bodies.read_at(at, part)) throw Error({.what = "cannot read what was written a moment ago", .where = out});
+    file.append(part);
+  }
+  file.replace();
   made.bytes = file.size();
   return made;
 }

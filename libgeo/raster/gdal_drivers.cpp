@@ -18,6 +18,7 @@
 #include "base/files.hpp"
 #include "base/input_file.hpp"
 #include "raster/gdal_dataset.hpp"
+#include "raster/pmtiles_dataset.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
@@ -44,7 +45,8 @@ constexpr std::array kRasterFormats{ReadableFormat{"GTiff", "GeoTIFF"},
                                     ReadableFormat{"USGSDEM", "USGS DEM"},
                                     ReadableFormat{"NITF", "NITF"},
                                     ReadableFormat{"GPKG", "GeoPackage"},
-                                    ReadableFormat{"MBTiles", "MBTiles"}};
+                                    ReadableFormat{"MBTiles", "MBTiles"},
+                                    ReadableFormat{"NadirPMTiles", "PMTiles"}};
 constexpr std::array kVectorFormats{ReadableFormat{"GeoJSON", "GeoJSON"},
                                     ReadableFormat{"GeoJSONSeq", "GeoJSON lines"},
                                     ReadableFormat{"LIBKML", "KML"},
@@ -134,6 +136,7 @@ void register_gdal_drivers() {
   static std::once_flag once;
   std::call_once(once, [] {
     GDALAllRegister();
+    register_pmtiles_driver();
     GDALDriverManager& drivers = *GetGDALDriverManager();
     for (int i = 0; i < drivers.GetDriverCount(); ++i) {
       GDALDriver& driver = *drivers.GetDriver(i);

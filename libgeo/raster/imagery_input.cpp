@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -69,6 +70,14 @@ class StacItem {
     return value[0]["name"].get<std::string>();
   }
 
+  // Empty when the item does not say.
+  std::string optional_text(std::string_view name) const {
+    const json value = property(name);
+    if (value.is_null()) return {};
+    if (!value.is_string()) reject(name, "a string", value);
+    return value.get<std::string>();
+  }
+
  private:
   json property(std::string_view name) const {
     return properties_.is_object() && properties_.contains(name) ? properties_[std::string(name)] : json();
@@ -94,11 +103,23 @@ std::filesystem::path stac_item_beside(const std::filesystem::path& raster) {
 
 ImageryFacts read_imagery_facts(const std::filesystem::path& raster, const ImageryOverrides& overrides) {
   const StacItem item(raster);
+  const auto text = [&](const std::optional<std::string>& stated, std::string_view name, std::size_t most) {
+    std::string value = stated ? *stated : item.optional_text(name);
+    if (value.size() <= most) return value;
+    throw UsageError(
+        {.what = fmt::format("the imagery's {} is too long", name),
+         .where = stated ? "--" + std::string(name) : stac_item_beside(raster).string(),
+         .expected = fmt::format("at most {} bytes", most),
+         .found = fmt::format("{} bytes", value.size()),
+         .fix = "state the SPDX identifier of the licence, and the shortest attribution that it asks for"});
+  };
   return {
       .captured_at = overrides.captured_at ? *overrides.captured_at : item.datetime(),
       .gsd_m = overrides.gsd_m ? *overrides.gsd_m : item.positive("gsd", "ground sample distance", "--gsd-m"),
       .ce90_m = overrides.ce90_m ? *overrides.ce90_m : item.positive("nadir:ce90_m", "accuracy (CE90)", "--ce90-m"),
       .provider = overrides.provider ? *overrides.provider : item.provider(),
+      .licence = text(overrides.licence, "license", kMaxLicence),
+      .attribution = text(overrides.attribution, "attribution", kMaxAttribution),
   };
 }
 
@@ -146,6 +167,56 @@ void set_facts(Sidecar& sidecar, std::span<const ImageryInput> inputs, const Inp
   sidecar.source = fmt::format("{}", fmt::join(names, kBetweenNames));
 }
 
+Findings check_stated_places(std::span<const ImageryInput> inputs) {
+  Findings findings;
+  for (const ImageryInput& input : inputs) {
+    if (input.facts.ce90_m >= input.place_precision_m) continue;
+    findings.add({.code = "imagery.coarse_place",
+                  .where = input.path.string(),
+                  .expected = fmt::format("a CE90 of at least {:.3g} m: the file states its corners no more precisely",
+                                          input.place_precision_m),
+                  .found = fmt::format("{:.3g} m stated", input.facts.ce90_m),
+                  .fix =
+                      "state the true one with --ce90-m; or give a file with an exact place: NITF with BLOCKA or RPC, "
+                      "orthorectified to a GeoTIFF with gdalwarp"});
+  }
+  return findings;
+}
+
+Findings check_stated_licences(std::span<const ImageryInput> inputs) {
+  Findings findings;
+  for (const ImageryInput& input : inputs) {
+    if (!input.facts.licence.empty()) continue;
+    findings.add(
+        {.code = "licence.unstated",
+         .severity = Severity::warning,
+         .where = input.path.string(),
+         .expected = "the licence of the imagery: an SPDX identifier such as CC-BY-4.0, or unknown",
+         .found = "nothing in the STAC Item, and no --licence",
+         .fix = "pass --licence ID, or --licence unknown to say that nobody knows; or add license to the item"});
+  }
+  return findings;
+}
+
+std::vector<SourceLicence> stated_sources(std::span<const Sidecar> tiles, std::span<const ImageryInput> inputs,
+                                          std::span<const SourceLicence> known) {
+  std::set<std::string_view> named;
+  for (const Sidecar& tile : tiles) {
+    for (const std::string_view name : provider_names(tile.source)) named.insert(name);
+  }
+  std::set<SourceLicence> sources;
+  for (const SourceLicence& source : known) {
+    if (named.contains(source.source)) sources.insert(source);
+  }
+  for (const ImageryInput& input : inputs) {
+    if (input.facts.licence.empty()) continue;
+    for (const std::string_view name : provider_names(input.facts.provider)) {
+      if (named.contains(name)) sources.insert({std::string(name), input.facts.licence, input.facts.attribution});
+    }
+  }
+  return {sources.begin(), sources.end()};
+}
+
 Findings check_stated_resolution(std::span<const ImageryInput> inputs) {
   constexpr double kFinestShare = 0.6;       // of a pixel: rasters are resampled to somewhat larger pixels ...
   constexpr double kImpossibleShare = 0.25;  // ... not to far larger ones
@@ -180,6 +251,7 @@ std::vector<ImageryInput> open_imagery(std::span<const std::filesystem::path> pa
     ImageryInput input{paths[i], read_imagery_facts(paths[i], overrides), source.outline()};
     input.stretch = stretch;
     input.pixel_m = source.pixel_m();
+    input.place_precision_m = source.place_precision_m();
     if (stretch) input.facts.provider += fmt::format(" ({})", to_text(*stretch));
     inputs.push_back(std::move(input));
   }

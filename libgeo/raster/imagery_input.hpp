@@ -2,7 +2,8 @@
 // sample distance, provider and accuracy. Earlier ones lie on top of later ones.
 //
 // The facts come from the STAC Item beside the file (`map.tif` + `map.json`, stacspec.org 1.0): properties.datetime,
-// gsd, providers[0].name and nadir:ce90_m. The user may state them instead.
+// gsd, providers[0].name, nadir:ce90_m, license, and attribution (of STAC's extension of this name). The user may state
+// them instead.
 #pragma once
 
 #include <cstdint>
@@ -16,6 +17,7 @@
 #include "base/error.hpp"
 #include "base/time.hpp"
 #include "geodesy/web_mercator.hpp"
+#include "package/manifest.hpp"
 #include "package/sidecar.hpp"
 #include "raster/stretch.hpp"
 
@@ -26,6 +28,8 @@ struct ImageryFacts {
   double gsd_m = 0;   // ground sample distance
   double ce90_m = 0;  // circular error: 90 % of well-defined points lie within this distance of their true position
   std::string provider;
+  std::string licence{};      // an SPDX identifier, a name, or "unknown"; empty: not stated
+  std::string attribution{};  // what the licence asks to be shown; empty: nothing is stated
 };
 
 // What the user states instead of the item.
@@ -34,6 +38,8 @@ struct ImageryOverrides {
   std::optional<double> gsd_m;
   std::optional<double> ce90_m;
   std::optional<std::string> provider;
+  std::optional<std::string> licence{};
+  std::optional<std::string> attribution{};
 };
 
 // Throws UsageError when a fact is neither in the item nor stated: freshness and accuracy could not be evaluated.
@@ -47,11 +53,23 @@ struct ImageryInput {
   std::vector<MercatorXY> outline;  // RasterSource::outline()
   TileTrust trust = TileTrust::service;
   std::optional<Stretch> stretch{};  // of a raster that is not 8 bit
+  double place_precision_m = 0;      // RasterSource::place_precision_m()
   double pixel_m = 0;                // side of a pixel on the ground, as the file is georeferenced; 0: not known
 };
 
 // "resolution.implausible": a stated ground sample distance that is much finer than the raster's pixels.
 Findings check_stated_resolution(std::span<const ImageryInput> inputs);
+
+// "imagery.coarse_place": a stated accuracy that is better than the precision with which the file states its place.
+Findings check_stated_places(std::span<const ImageryInput> inputs);
+
+// "licence.unstated", a warning: imagery of which nobody said under which licence it is. "unknown" is an answer too.
+Findings check_stated_licences(std::span<const ImageryInput> inputs);
+
+// The sources that these tiles name, with what the inputs and `known` (of an older package) state of them; those of
+// which nothing is stated are left out. Sorted, each once.
+std::vector<SourceLicence> stated_sources(std::span<const Sidecar> tiles, std::span<const ImageryInput> inputs,
+                                          std::span<const SourceLicence> known = {});
 
 // In the given order. stretches: none, one for all, or one for each. Throws Error for a raster that does not open,
 // UsageError when a fact or a stretch is missing. The stretch is appended to the provider, which every tile names as

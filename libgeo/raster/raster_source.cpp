@@ -9,6 +9,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "base/error.hpp"
+#include "base/files.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/node_grid.hpp"
 #include "raster/gdal_dataset.hpp"
@@ -251,6 +252,23 @@ double RasterSource::pixel_m() const {
   const double pixels = static_cast<double>(impl_->dataset.size().width) * impl_->dataset.size().height;
   return std::sqrt(std::abs(doubled_m2) / 2 / pixels) / scale;
 }
+double RasterSource::place_precision_m() const {
+  GDALDataset& dataset = *impl_->dataset.handle();
+  const auto text = [&dataset](const char* name) {
+    const char* value = dataset.GetMetadataItem(name);
+    return std::string_view(value == nullptr ? "" : value);
+  };
+  const std::string_view coordinates = text("NITF_ICORDS");
+  if (coordinates.empty() || text("NITF_BLOCKA_FRFC_LOC_01").size() > 10) return 0;
+  if (dataset.GetMetadataItem("RPFHDR", "TRE") != nullptr) return 0;  // CADRG, CIB: the frame's place is exact
+  std::filesystem::path beside = path();
+  beside += ".aux.xml";
+  if (std::filesystem::exists(beside) && read_text_file(beside).find("<GeoTransform>") != std::string::npos) return 0;
+  constexpr double kDegree_m = 111'320;
+  if (coordinates == "G" || coordinates == "C") return kDegree_m / 3600 / 2;
+  return coordinates == "D" ? kDegree_m / 1000 / 2 : 0.5;  // else whole metres of UTM
+}
+
 const std::filesystem::path& RasterSource::path() const { return impl_->dataset.path(); }
 
 MaskedImage RasterSource::read(int zoom, const cv::Rect& pixels) {

@@ -36,6 +36,10 @@ class RasterSource {
   // Side of a pixel on the ground, on average over the raster.
   double pixel_m() const;
 
+  // How precisely the file itself states its place: 0 when that is no concern. NITF has corners in whole seconds or
+  // thousandths of a degree, unless it carries BLOCKA, or an .aux.xml file with a geotransform lies beside it.
+  double place_precision_m() const;
+
   // The given rectangle of global pixels of a zoom. Pixels outside of the raster have mask 0. Throws Error for parts of
   // the file that cannot be read.
   MaskedImage read(int zoom, const cv::Rect& pixels);

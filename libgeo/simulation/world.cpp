@@ -69,6 +69,7 @@ void write_item(const std::filesystem::path& folder, const std::string& name, co
        {{"datetime", time},
         {"gsd", options.gsd_m},
         {"providers", nlohmann::json::array({{{"name", "nadir simulate world"}, {"roles", {"producer"}}}})},
+        {"license", "CC0-1.0"},
         {"nadir:ce90_m", ce90_m}}},
       {"assets",
        {{"image", {{"href", name + ".tif"}, {"type", "image/tiff; application=geotiff"}, {"roles", {"data"}}}}}},

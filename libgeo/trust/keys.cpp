@@ -143,6 +143,7 @@ bool PublicKey::verifies(ByteView message, ByteView signature) const {
 
 struct PrivateKey::Impl {
   Key key;
+  std::unique_ptr<KeyDevice> device;  // instead
 };
 
 PrivateKey::PrivateKey(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -175,7 +176,14 @@ PrivateKey PrivateKey::generate() {
   return PrivateKey(std::move(impl));
 }
 
+PrivateKey PrivateKey::in_device(std::unique_ptr<KeyDevice> device) {
+  auto impl = std::make_unique<Impl>();
+  impl->device = std::move(device);
+  return PrivateKey(std::move(impl));
+}
+
 PublicKey PrivateKey::public_key() const {
+  if (impl_->device) return impl_->device->public_key();
   std::array<std::uint8_t, 32> raw{};
   std::size_t length = raw.size();
   if (EVP_PKEY_get_raw_public_key(impl_->key.get(), raw.data(), &length) != 1) {
@@ -185,6 +193,7 @@ PublicKey PrivateKey::public_key() const {
 }
 
 Signature PrivateKey::sign(ByteView message) const {
+  if (impl_->device) return impl_->device->sign(message);
   const DigestContext context(EVP_MD_CTX_new());
   Signature signature{};
   std::size_t length = signature.size();
@@ -197,6 +206,7 @@ Signature PrivateKey::sign(ByteView message) const {
 }
 
 std::string PrivateKey::pem() const {
+  if (impl_->device) throw Error({.what = "the key does not leave its device"});
   const Bio bio(BIO_new(BIO_s_secmem()));
   if (!bio || PEM_write_bio_PKCS8PrivateKey(bio.get(), impl_->key.get(), nullptr, nullptr, 0, nullptr, nullptr) != 1) {
     openssl_failed("cannot write a private key");

@@ -34,12 +34,21 @@ class PublicKey {
   std::string id_;
 };
 
+// A private key that does not leave its device (token_keys/token_key.hpp).
+class KeyDevice {
+ public:
+  virtual ~KeyDevice() = default;
+  virtual const PublicKey& public_key() const = 0;
+  virtual Signature sign(ByteView message) const = 0;
+};
+
 class PrivateKey {
  public:
   // Throws UsageError for everything that is not an unencrypted Ed25519 private key, and for a file that other users
   // may access (mode wider than 0600).
   static PrivateKey read(const std::filesystem::path& pem_file);
   static PrivateKey generate();  // from the operating system's randomness
+  static PrivateKey in_device(std::unique_ptr<KeyDevice> device);
 
   ~PrivateKey();
   PrivateKey(PrivateKey&&) noexcept;
@@ -47,7 +56,7 @@ class PrivateKey {
 
   PublicKey public_key() const;
   Signature sign(ByteView message) const;
-  std::string pem() const;  // PKCS#8
+  std::string pem() const;  // PKCS#8. Throws Error for a key in a device
 
  private:
   struct Impl;

@@ -28,6 +28,22 @@ class TrustCommands : public test::CommandTest {
   }
 };
 
+TEST_F(TrustCommands, ThePublicKeyOfAPrivateOne) {
+  ASSERT_EQ(run({"keys", "create", "--out", "@pair"}), 0);
+  const std::string expected = read_text_file(path("pair.pub.pem"));
+  EXPECT_EQ(run({"keys", "public", "@pair.key.pem"}), 0);
+  EXPECT_EQ(out_.str(), expected);
+  EXPECT_EQ(run({"keys", "public", "@pair.key.pem", "--out", "@again.pem"}), 0);
+  EXPECT_EQ(read_text_file(path("again.pem")), expected);
+  EXPECT_EQ(run({"keys", "public", "@pair.key.pem", "--out", "@again.pem"}), 2) << "never overwritten";
+  EXPECT_EQ(run({"keys", "public", "@pair.pub.pem"}), 2);
+  EXPECT_EQ(run({"keys", "public", "pkcs11:token=no such token;object=x"}), 2);
+  EXPECT_NE(err_.str().find("token"), std::string::npos) << err_.str();
+  test::PackageMaker().make(folder_);
+  EXPECT_EQ(run({"cache", "sign", "@package", "--key", "pkcs11:object=x?pin-value=1234"}), 2);
+  EXPECT_EQ(err_.str().find("1234"), std::string::npos) << err_.str();
+}
+
 TEST_F(TrustCommands, APublicKeyPassedAsPrivateKeyIsNamed) {
   keys({"p"});
   const std::string package = test::PackageMaker().make(folder_).string();

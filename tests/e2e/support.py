@@ -33,7 +33,7 @@ sectors:
 route: {{corridor_half_width_m: 40, agl_m: 100, points: [[8.4990, 47.4000], [8.5010, 47.4000]]}}
 """
 STAC = {"type": "Feature", "stac_version": "1.0.0", "id": "map", "geometry": None,
-        "properties": {"datetime": "2024-06-01T00:00:00Z", "gsd": 0.5, "providers": [{"name": "test"}],
+        "properties": {"datetime": "2024-06-01T00:00:00Z", "gsd": 0.5, "providers": [{"name": "test"}], "license": "CC0-1.0",
                        "nadir:ce90_m": 4.0}, "assets": {}, "links": []}
 CAMERA = """model: pinhole
 width: {width}

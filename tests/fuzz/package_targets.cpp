@@ -8,6 +8,7 @@
 #include "fuzz/targets.hpp"
 #include "imagery/cog_reader.hpp"
 #include "imagery/mbtiles.hpp"
+#include "imagery/pmtiles.hpp"
 #include "package/manifest.hpp"
 #include "package/mission.hpp"
 #include "package/sidecar.hpp"
@@ -264,6 +265,22 @@ void cog(std::string_view bytes) {
       const CogLevel* level = reader.level(keys[i].z);
       require(level != nullptr, "a tile of a zoom that is not there");
       require_tile(reader, keys[i], level->native());
+    }
+  });
+}
+
+void pmtiles(std::string_view bytes) {
+  refusing([&] {
+    const PmtilesReader reader(InputFile(scratch_file("any.pmtiles", bytes)));
+    require(reader.zooms().min >= 0 && reader.zooms().max <= kMaxZoom, "a zoom outside of the grid");
+    const std::vector<TileKey> keys = reader.keys();
+    require(!keys.empty() && std::is_sorted(keys.begin(), keys.end()), "tiles out of order");
+    require(std::adjacent_find(keys.begin(), keys.end()) == keys.end(), "one tile twice");
+    const std::size_t step = 1 + keys.size() / 16;
+    for (std::size_t i = 0; i < keys.size(); i += step) {
+      require(keys[i].valid(), "an address outside of the grid");
+      const auto tile = reader.read(keys[i]);
+      require(tile && tile->size() == reader.stored_size(keys[i]), "a tile of another size");
     }
   });
 }

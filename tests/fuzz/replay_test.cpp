@@ -50,6 +50,7 @@ const std::vector<Target>& targets() {
                                        {"mbtiles", fuzz::mbtiles},
                                        {"tile_rows", fuzz::tile_rows},
                                        {"cog", fuzz::cog},
+                                       {"pmtiles", fuzz::pmtiles},
                                        {"place_table", fuzz::place_table},
                                        {"api_hint", fuzz::api_hint},
                                        {"api_object", fuzz::api_object},

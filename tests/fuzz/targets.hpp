@@ -39,6 +39,7 @@ void picture(std::string_view bytes);  // JPEG, PNG, WebP, TIFF
 void mbtiles(std::string_view bytes);    // a file's bytes
 void tile_rows(std::string_view bytes);  // rows of a sound SQLite file, in any types
 void cog(std::string_view bytes);
+void pmtiles(std::string_view bytes);
 
 void place_table(std::string_view bytes);
 

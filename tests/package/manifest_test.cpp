@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "package/package_maker.hpp"
@@ -59,6 +60,35 @@ TEST(Manifest, VectorsStateTheirOriginAndLicence) {
     document["artifacts"][2]["vectors"][member] = value;
     EXPECT_FALSE(parse_manifest(as_bytes(document.dump())).manifest) << member;
   }
+}
+
+TEST(Manifest, SourcesOfImageryStateTheirLicences) {
+  Manifest manifest = sample();
+  EXPECT_EQ(manifest_json(manifest).find("sources\""), std::string::npos) << "as of versions before";
+  const auto imagery = std::find_if(manifest.artifacts.begin(), manifest.artifacts.end(),
+                                    [](const Artifact& artifact) { return artifact.tiles.has_value(); });
+  ASSERT_NE(imagery, manifest.artifacts.end());
+  imagery->tiles->sources = {{"candidates", "unknown", ""}, {"survey", "CC-BY-4.0", "© survey 2024"}};
+  const std::vector<SourceLicence> sources = imagery->tiles->sources;
+  const ManifestReading reading = parse_manifest(as_bytes(manifest_json(manifest)));
+  ASSERT_TRUE(reading.manifest) << test::codes(reading.findings);
+  EXPECT_EQ(reading.manifest->artifact(kRoleImagery)->tiles->sources, sources);
+  EXPECT_EQ(manifest_json(*reading.manifest), manifest_json(manifest));
+  const json good = json::parse(manifest_json(manifest));
+  const auto refused = [&](const std::function<void(json&)>& edit) {
+    json document = good;
+    for (json& artifact : document["artifacts"]) {
+      if (artifact.contains("tiles")) edit(artifact["tiles"]["sources"]);
+    }
+    return !parse_manifest(as_bytes(document.dump())).manifest;
+  };
+  EXPECT_FALSE(refused([](json&) {}));
+  EXPECT_TRUE(refused([](json& list) { list = json::array(); }));
+  EXPECT_TRUE(refused([](json& list) { std::swap(list[0], list[1]); }));
+  EXPECT_TRUE(refused([](json& list) { list[0].erase("licence"); }));
+  EXPECT_TRUE(refused([](json& list) { list[0]["attribution"] = ""; }));
+  EXPECT_TRUE(refused([](json& list) { list[0]["attribution"] = std::string(201, 'x'); }));
+  EXPECT_TRUE(refused([](json& list) { list[1]["surprise"] = 1; }));
 }
 
 TEST(Manifest, BytesDoNotDependOnTheOrderOfArtifacts) {

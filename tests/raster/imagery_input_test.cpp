@@ -33,6 +33,62 @@ TEST(ImageryFacts, OverridesTakePrecedence) {
   }
 }
 
+TEST(ImageryFacts, LicenceAndAttributionAreStatedByTheItemOrTheUserOrNobody) {
+  const test::TemporaryFolder folder;
+  const auto item = [&](const std::string& more) {
+    folder.write(
+        "map.json",
+        R"({"type":"Feature","properties":{"datetime":"2024-01-01T00:00:00Z","gsd":1,"providers":[{"name":"a"}],)"
+        R"("nadir:ce90_m":5)" +
+            more + "}}");
+    return read_imagery_facts(folder / "map.tif", {});
+  };
+  EXPECT_EQ(item("").licence, "");
+  EXPECT_EQ(item(R"(,"license":"CC-BY-4.0")").licence, "CC-BY-4.0");
+  EXPECT_EQ(item(R"(,"license":"CC-BY-4.0")").attribution, "");
+  EXPECT_EQ(item(R"(,"license":"CC-BY-4.0","attribution":"© a 2024")").attribution, "© a 2024");
+  ImageryOverrides stated;
+  stated.licence = kUnknownLicence;
+  stated.attribution = "ask b";
+  const ImageryFacts facts = read_imagery_facts(folder / "map.tif", stated);
+  EXPECT_EQ(facts.licence, "unknown");
+  EXPECT_EQ(facts.attribution, "ask b");
+  EXPECT_THROW(item(R"(,"license":4)"), UsageError);
+  EXPECT_THROW(item(R"(,"license":")" + std::string(65, 'x') + '"'), UsageError);
+  stated.attribution = std::string(201, 'x');
+  EXPECT_THROW(read_imagery_facts(folder / "map.tif", stated), UsageError);
+}
+
+TEST(ImageryInputs, SourcesOfTilesHaveTheirLicences) {
+  const auto input = [](const std::string& provider, const std::string& licence, const std::string& attribution) {
+    ImageryInput one;
+    one.path = provider + ".tif";
+    one.facts.provider = provider;
+    one.facts.licence = licence;
+    one.facts.attribution = attribution;
+    return one;
+  };
+  const std::vector<ImageryInput> inputs{input("b", "CC-BY-4.0", "© b"), input("a", kUnknownLicence.data(), ""),
+                                         input("silent", "", ""), input("unused", "MIT", ""),
+                                         input("c + d", "ODbL-1.0", "")};
+  std::vector<Sidecar> tiles(3);
+  tiles[0].source = "b + a";
+  tiles[1].source = "silent";
+  tiles[2].source = "c + d + old";
+  const std::vector<SourceLicence> old{{"gone", "MIT", ""}, {"old", "CC0-1.0", "© old"}};
+  const std::vector<SourceLicence> expected{{"a", "unknown", ""},
+                                            {"b", "CC-BY-4.0", "© b"},
+                                            {"c", "ODbL-1.0", ""},
+                                            {"d", "ODbL-1.0", ""},
+                                            {"old", "CC0-1.0", "© old"}};
+  EXPECT_EQ(stated_sources(tiles, inputs, old), expected);
+  const Findings findings = check_stated_licences(inputs);
+  ASSERT_EQ(findings.items().size(), 1U);
+  EXPECT_EQ(findings.items()[0].code, "licence.unstated");
+  EXPECT_EQ(findings.items()[0].where, "silent.tif");
+  EXPECT_FALSE(findings.has_errors());
+}
+
 void expect_refused(const std::filesystem::path& raster, const std::string& words) {
   try {
     static_cast<void>(read_imagery_facts(raster, {}));

@@ -94,7 +94,7 @@ void write_item(const std::filesystem::path& raster, const std::string& datetime
                 const std::string& provider) {
   std::filesystem::path item = raster;
   std::ofstream(item.replace_extension(".json")) << fmt::format(
-      R"({{"type":"Feature","properties":{{"datetime":"{}","gsd":{},"providers":[{{"name":"{}"}}],"nadir:ce90_m":5}}}})",
+      R"({{"type":"Feature","properties":{{"datetime":"{}","gsd":{},"providers":[{{"name":"{}"}}],"license":"CC0-1.0","nadir:ce90_m":5}}}})",
       datetime, gsd_m, provider);
 }
 

@@ -18,8 +18,10 @@ ALLOWED = {
     "geodesy": "",
     "imagery": "base geodesy",
     "trust": "base geodesy",
+    "token_keys": "base trust",
     "package": "base geodesy imagery trust",
     "package_delta": "base trust package",
+    "package_export": "base geodesy imagery trust package",
     # where am I
     "vision": "base geodesy imagery package",
     "estimation": "base geodesy imagery package vision",
@@ -58,16 +60,17 @@ ALLOWED = {
     "flight": "base geodesy imagery trust package vision estimation ortho recorder mavlink fixes cli api camera service",
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
-    "commands": "base geodesy imagery trust package package_delta vision estimation adjustment ortho recorder flights flight_adjustment replay mavlink upload raster package_build "
+    "commands": "base geodesy imagery trust token_keys package package_delta package_export vision estimation adjustment ortho recorder flights flight_adjustment replay mavlink upload raster package_build "
                 "catalogue candidates simulation provision flight_import mission_formats navigability cli report map_page verify_request nadird_client desk planning",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }
 # Libraries that no header may include, and those that only the named folders may include at all.
-HEAVY_IN_HEADERS = re.compile(r"^(ceres/|exiv2/|gdal|ogr|cpl_|faiss/|CLI/|boost/beast|nlohmann/json\.hpp$|proj\.h$)")
+HEAVY_IN_HEADERS = re.compile(r"^(ceres/|p11-kit/|exiv2/|gdal|ogr|cpl_|faiss/|CLI/|boost/beast|nlohmann/json\.hpp$|proj\.h$)")
 ONLY_IN = [
     (re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"raster", "mission_formats", "package_build", "catalogue", "candidates", "simulation", "commands"}),
     (re.compile(r"^curl/"), {"upload"}),
+    (re.compile(r"^p11-kit/"), {"token_keys"}),
     (re.compile(r"^CLI/"), {"cli"}),
     (re.compile(r"^faiss/"), {"vision"}),
     (re.compile(r"^ceres/"), {"adjustment"}),

@@ -16,6 +16,7 @@ ProgramText nadir_text();
 std::vector<std::unique_ptr<Command>> all_commands();
 
 std::unique_ptr<Command> make_keys_create();
+std::unique_ptr<Command> make_keys_public();
 std::unique_ptr<Command> make_keys_root();
 std::unique_ptr<Command> make_keys_revoke();
 std::unique_ptr<Command> make_keys_sign();
@@ -37,6 +38,7 @@ std::unique_ptr<Command> make_cache_gaps();
 std::unique_ptr<Command> make_cache_matchability();
 std::unique_ptr<Command> make_cache_diff();
 std::unique_ptr<Command> make_cache_apply();
+std::unique_ptr<Command> make_cache_export();
 std::unique_ptr<Command> make_catalogue_add();
 std::unique_ptr<Command> make_catalogue_list();
 std::unique_ptr<Command> make_catalogue_gaps();

@@ -12,6 +12,7 @@ ProgramText nadir_text() {
 std::vector<std::unique_ptr<Command>> all_commands() {
   std::vector<std::unique_ptr<Command>> commands;
   for (const auto make : {make_keys_create,
+                          make_keys_public,
                           make_keys_root,
                           make_keys_revoke,
                           make_keys_sign,
@@ -33,6 +34,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
                           make_cache_matchability,
                           make_cache_diff,
                           make_cache_apply,
+                          make_cache_export,
                           make_catalogue_add,
                           make_catalogue_list,
                           make_catalogue_gaps,

@@ -17,6 +17,7 @@
 #include "commands/cache/package_signer.hpp"
 #include "commands/commands.hpp"
 #include "package_build/package_builder.hpp"
+#include "token_keys/token_key.hpp"
 
 namespace nadir {
 namespace {
@@ -113,7 +114,7 @@ void CacheBuildCommand::setup(Options& options) {
 
 int CacheBuildCommand::run(Context& context) {
   std::optional<PrivateKey> key;
-  if (key_) key = PrivateKey::read(*key_);
+  if (key_) key = read_signing_key(*key_);
   PackageRequest request;
   request.mission = mission_;
   request.imagery = imagery_;

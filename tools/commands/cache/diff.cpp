@@ -181,7 +181,7 @@ nadir cache diff package package2 --patch 1-to-2.patch --key planner.key.pem --t
 }
 
 void CacheDiffCommand::setup(Options& options) {
-  options.positional("A", before_, "package, MBTiles file or COG").required();
+  options.positional("A", before_, "package, MBTiles, COG or PMTiles file").required();
   options.positional("B", after_, "what it is compared with").required();
   options.flag("--list", list_, "list every difference");
   options.value("--geojson", geojson_, "FILE.geojson", "write the tiles that differ as polygons, for a map");

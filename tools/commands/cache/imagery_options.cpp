@@ -26,6 +26,11 @@ void ImageryOptions::setup(Options& options) {
       .between(1e-4, 1e5)
       .formerly("--ce90");
   options.value("--provider", provider_, "NAME", "provider of the imagery, instead of the STAC Item's");
+  options
+      .value("--licence", licence_, "ID",
+             "licence of the imagery, instead of the STAC Item's: an SPDX identifier, or unknown")
+      .formerly("--license");
+  options.value("--attribution", attribution_, "TEXT", "what the licence asks to be shown, instead of the STAC Item's");
 }
 
 MosaicOptions ImageryOptions::mosaic() const {
@@ -55,6 +60,19 @@ void VectorOptions::setup(Options& options, std::string_view otherwise) {
 std::optional<VectorRequest> VectorOptions::request() const {
   if (!file_) return std::nullopt;
   return VectorRequest{*file_, attribution_, licence_};
+}
+
+std::string text_of(const SourceLicence& source) {
+  const std::string text = fmt::format("{}: {}", source.source, source.licence);
+  return printable(source.attribution.empty() ? text : text + ", " + source.attribution);
+}
+
+nlohmann::json json_of(const std::vector<SourceLicence>& sources) {
+  nlohmann::json list = nlohmann::json::array();
+  for (const SourceLicence& source : sources) {
+    list.push_back({{"source", source.source}, {"licence", source.licence}, {"attribution", source.attribution}});
+  }
+  return list;
 }
 
 nlohmann::json json_of(const VectorFacts& vectors) {

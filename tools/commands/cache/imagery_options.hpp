@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "base/time.hpp"
+#include "package/manifest.hpp"
 #include "package_build/vector_source.hpp"
 #include "raster/imagery_input.hpp"
 #include "raster/mosaic.hpp"
@@ -23,7 +24,7 @@ class ImageryOptions {
   void setup(Options& options);
 
   MosaicOptions mosaic() const;
-  ImageryOverrides overrides() const { return {captured_, gsd_m_, ce90_m_, provider_}; }
+  ImageryOverrides overrides() const { return {captured_, gsd_m_, ce90_m_, provider_, licence_, attribution_}; }
   int threads() const;  // all processors when not given
 
  private:
@@ -34,7 +35,7 @@ class ImageryOptions {
   std::optional<UtcTime> captured_;
   std::optional<double> gsd_m_;
   std::optional<double> ce90_m_;
-  std::optional<std::string> provider_;
+  std::optional<std::string> provider_, licence_, attribution_;
 };
 
 // The vectors of a package.
@@ -47,6 +48,10 @@ class VectorOptions {
   std::optional<std::filesystem::path> file_;
   std::optional<std::string> attribution_, licence_;
 };
+
+// "survey: CC-BY-4.0, © survey 2024"
+std::string text_of(const SourceLicence& source);
+nlohmann::json json_of(const std::vector<SourceLicence>& sources);
 
 // "12 roads, 3 water, 4 woods, 56 buildings; © OpenStreetMap contributors, ODbL-1.0"
 std::string text_of(const VectorFacts& vectors);

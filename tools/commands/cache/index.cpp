@@ -31,6 +31,7 @@
 #include "package_build/package_builder.hpp"
 #include "replay/flight_folder.hpp"
 #include "replay/score.hpp"
+#include "token_keys/token_key.hpp"
 #include "vision/place_index.hpp"
 #include "vision/place_index_builder.hpp"
 #include "vision/rectification.hpp"
@@ -429,7 +430,7 @@ int CacheIndexCommand::run(Context& context) {
 
 int CacheIndexCommand::make(Context& context, const Manifest& manifest, const Mission& mission) const {
   std::optional<PrivateKey> key;
-  if (key_) key = PrivateKey::read(*key_);
+  if (key_) key = read_signing_key(*key_);
   const Artifact& imagery = imagery_of(manifest);
   const std::unique_ptr<TileSource> tiles = open_tile_source(package_ / imagery.path);
   IndexedMap map{tiles.get(), finest_keys(package_ / imagery.path, imagery.tiles->zoom.max), imagery.tiles->merkle_root,

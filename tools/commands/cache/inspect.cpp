@@ -133,7 +133,7 @@ nadir cache inspect base.mbtiles --json)";
 }
 
 void CacheInspectCommand::setup(Options& options) {
-  options.positional("PACKAGE|FILE", subject_, "package, MBTiles file or COG").required();
+  options.positional("PACKAGE|FILE", subject_, "package, MBTiles, COG or PMTiles file").required();
   options.value("--get", get_, "KEY", "print only this entry");
 }
 

@@ -15,6 +15,7 @@
 #include "package/package_writer.hpp"
 #include "package/verify.hpp"
 #include "package_build/matchability_survey.hpp"
+#include "token_keys/token_key.hpp"
 
 namespace nadir {
 namespace {
@@ -93,7 +94,7 @@ int CacheMatchabilityCommand::put_into_package(Context& context) {
   const Manifest manifest = load_package_manifest(subject_);
   require_key_when_signed(subject_, key_.has_value());
   std::optional<PrivateKey> key;
-  if (key_) key = PrivateKey::read(*key_);
+  if (key_) key = read_signing_key(*key_);
   const Findings findings = check_before_signing(subject_, context.progress);
   if (findings.has_errors()) return report_findings(context.out, context.json, findings);
   const Mission mission = read_mission(subject_ / kMissionFile);

@@ -15,6 +15,7 @@
 #include "commands/cache/imagery_options.hpp"
 #include "commands/commands.hpp"
 #include "package_build/package_updater.hpp"
+#include "token_keys/token_key.hpp"
 
 namespace nadir {
 namespace {
@@ -95,7 +96,7 @@ void CacheUpdateCommand::setup(Options& options) {
 int CacheUpdateCommand::run(Context& context) {
   const TrustRoot trust = read_trusted_root(trust_);
   std::optional<PrivateKey> key;
-  if (key_) key = PrivateKey::read(*key_);
+  if (key_) key = read_signing_key(*key_);
   UpdateRequest request;
   request.old_package = old_;
   request.trust = &trust;

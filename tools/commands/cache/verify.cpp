@@ -113,6 +113,10 @@ int CacheVerifyCommand::report(Context& context, const Verification& verificatio
     figures.emplace_back("imagery", fmt::format("{}, {:.1f} MB in total", count(verification.tiles.size(), "tile"),
                                                 static_cast<double>(verification.bytes) / 1e6));
     figures.emplace_back("trust root", fmt::format("version {}", verification.root_version));
+    if (const Artifact* artifact = manifest.artifact(kRoleImagery); artifact != nullptr && artifact->tiles) {
+      more["sources"] = json_of(artifact->tiles->sources);
+      for (const SourceLicence& source : artifact->tiles->sources) figures.emplace_back("source", text_of(source));
+    }
     if (const Artifact* artifact = manifest.artifact(kRoleVectors); artifact != nullptr && artifact->vectors) {
       more["vectors"] = json_of(*artifact->vectors);
       figures.emplace_back("vectors", text_of(*artifact->vectors));

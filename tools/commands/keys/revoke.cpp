@@ -12,6 +12,7 @@
 #include "cli/options.hpp"
 #include "commands/commands.hpp"
 #include "commands/keys/root_signing.hpp"
+#include "token_keys/token_key.hpp"
 #include "trust/root.hpp"
 
 namespace nadir {
@@ -114,7 +115,7 @@ int KeysRevokeCommand::run(Context& context) {
 
   std::vector<PrivateKey> keys;
   for (const auto& path : new_root_keys_) {
-    keys.push_back(PrivateKey::read(path));
+    keys.push_back(read_signing_key(path));
     give_role(root, root.root, keys.back().public_key());
   }
   for (const auto& path : new_package_signers_) give_role(root, root.package_signer, PublicKey::read(path));
@@ -138,7 +139,7 @@ int KeysRevokeCommand::run(Context& context) {
                       "create the next root from scratch: nadir keys root --previous");
   }
   for (const auto& path : root_keys_) {
-    keys.push_back(PrivateKey::read(path));
+    keys.push_back(read_signing_key(path));
     const std::string id = keys.back().public_key().id();
     if (previous.root.key_ids.contains(id) || root.root.key_ids.contains(id)) continue;
     throw UsageError({.what = "a signature by this key would have no effect",

@@ -12,6 +12,7 @@
 #include "cli/options.hpp"
 #include "commands/commands.hpp"
 #include "commands/keys/root_signing.hpp"
+#include "token_keys/token_key.hpp"
 #include "trust/root.hpp"
 
 namespace nadir {
@@ -149,7 +150,7 @@ int KeysRootCommand::run(Context& context) {
   if (previous_) previous = read_trusted_root(*previous_);
   std::vector<PrivateKey> keys = read_private_keys(root_keys_);
   TrustRoot root = describe(keys, previous);
-  for (const auto& path : previous_root_keys_) keys.push_back(PrivateKey::read(path));
+  for (const auto& path : previous_root_keys_) keys.push_back(read_signing_key(path));
   return write_new_root(context, {std::move(root), std::move(previous), out_, incomplete_}, keys);
 }
 

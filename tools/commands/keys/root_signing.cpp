@@ -10,6 +10,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "cli/output.hpp"
+#include "token_keys/token_key.hpp"
 
 namespace nadir {
 namespace {
@@ -43,7 +44,7 @@ std::map<std::string, std::set<std::string>> removed_signers(const TrustRoot& pr
 
 std::vector<PrivateKey> read_private_keys(std::span<const std::filesystem::path> files) {
   std::vector<PrivateKey> keys;
-  for (const auto& file : files) keys.push_back(PrivateKey::read(file));
+  for (const auto& file : files) keys.push_back(read_signing_key(file));
   return keys;
 }
 

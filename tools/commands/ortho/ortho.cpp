@@ -26,6 +26,7 @@
 #include "ortho/tile_key_check.hpp"
 #include "package_build/candidate_mosaic.hpp"
 #include "replay/flight_request.hpp"
+#include "token_keys/token_key.hpp"
 
 namespace nadir {
 namespace {
@@ -301,7 +302,7 @@ int OrthoCommand::run(Context& context) {
   if (!request_.airframe()) {
     throw UsageError({.what = "--airframe is required", .expected = "the airframe whose tile key signs"});
   }
-  const PrivateKey key = PrivateKey::read(key_);
+  const PrivateKey key = read_signing_key(key_);
   require_tile_key(*request_.trust(), *request_.airframe(), key.public_key());
   StagingDirectory staging(out_);
   const std::filesystem::path unpacked = staging.path() / "unpacked";

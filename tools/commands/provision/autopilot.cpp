@@ -16,6 +16,7 @@
 #include "geodesy/angles.hpp"
 #include "provision/airframe_manifest.hpp"
 #include "provision/autopilot_provisioning.hpp"
+#include "token_keys/token_key.hpp"
 #include "vision/camera.hpp"
 
 namespace nadir {
@@ -155,7 +156,7 @@ int ProvisionAutopilotCommand::run(Context& context) {
   std::optional<PrivateKey> signer;
   if (id_) {
     wanted = airframe();
-    signer = PrivateKey::read(*key_);
+    signer = read_signing_key(*key_);
   }
   const std::filesystem::path signing_time = signing_key_ ? signing_key_->string() + ".time" : std::string();
   const std::optional<SigningKey> key = read_or_make_key(context);

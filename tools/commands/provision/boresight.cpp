@@ -23,6 +23,7 @@
 #include "replay/flight_folder.hpp"
 #include "replay/flight_request.hpp"
 #include "replay/recorded_flight.hpp"
+#include "token_keys/token_key.hpp"
 
 namespace nadir {
 namespace {
@@ -162,7 +163,7 @@ void ProvisionBoresightCommand::date_file(Airframe& airframe, const Clock& clock
 int ProvisionBoresightCommand::run(Context& context) {
   Airframe airframe = read_airframe(airframe_);
   std::optional<PrivateKey> key;
-  if (key_) key = PrivateKey::read(*key_);
+  if (key_) key = read_signing_key(*key_);
   if (out_ && std::filesystem::exists(std::filesystem::symlink_status(*out_))) {
     throw UsageError({.what = "the output already exists",
                       .where = *out_,
