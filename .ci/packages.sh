@@ -65,6 +65,10 @@ packages_test=(
   chromium                   # the pages in a real browser
   postgresql-15              # a real server, which the tests of the catalogue start and stop
   postgresql-15-postgis-3    # its geometries
+  slurmctld                  # a real scheduler, which a test of shared builds starts and stops ...
+  slurmd                     # ... with two nodes ...
+  slurm-client               # ... and jobs that it submits
+  munge                      # how they know each other
 )
 packages_package=(
   libgstreamer1.0-dev        # the camera plug-ins: GStreamer's …

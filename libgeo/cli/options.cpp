@@ -206,9 +206,8 @@ void Options::Impl::choose_alternative(const std::vector<std::string>& args) {
     if (!named(words.front())) continue;
     for (CLI::Option* option : app.get_options()) {
       const std::string name = option->get_name();
-      if (std::find(words.begin(), words.end(), name) != words.end()) continue;
       option->required(false);
-      if (!named(name)) continue;
+      if (!named(name) || std::find(words.begin(), words.end(), name) != words.end()) continue;
       throw UsageError({.what = fmt::format("{} cannot be given with {}", name, words.front()),
                         .expected = fmt::format("{} alone", fmt::join(words, ", ")),
                         .fix = hint()});

@@ -5,6 +5,7 @@
 #include <opencv2/core.hpp>
 
 #include "base/error.hpp"
+#include "raster/raster_source.hpp"
 #include "raster/test_raster.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
