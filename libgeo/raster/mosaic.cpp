@@ -29,6 +29,7 @@ void compose_hard(int zoom, const cv::Rect& pixels, std::span<const LayerReader>
   MaskedImage& image = target.image;
   for (std::size_t i = 0; i < layers.size(); ++i) {
     const MaskedImage layer = layers[i](zoom, pixels);
+    if (layer.mask.empty()) continue;
     cv::Mat fresh = layer.mask;
     if (i == 0) {
       layer.bgr.copyTo(image.bgr);
@@ -121,7 +122,7 @@ void compose_feathered(int zoom, const cv::Rect& pixels, double feather_px, std:
   Blend blend(pixels.size());
   for (std::size_t i = 0; i < layers.size() && !blend.opaque(); ++i) {
     const MaskedImage layer = layers[i](zoom, wide);
-    if (cv::countNonZero(layer.mask(inner)) == 0) continue;
+    if (layer.mask.empty() || cv::countNonZero(layer.mask(inner)) == 0) continue;
     const cv::Mat weight = blend.add(layer.bgr(inner), alpha_of(layer.mask, feather_px)(inner));
     for (int row = 0; row < pixels.height / kTileSize; ++row) {
       for (int column = 0; column < pixels.width / kTileSize; ++column) {
@@ -177,10 +178,7 @@ class OpenRasters {
   explicit OpenRasters(std::span<const ImageryInput> inputs) : inputs_(inputs) {}
 
   MaskedImage read(std::size_t input, int zoom, const cv::Rect& pixels) {
-    if (!lies_near(inputs_[input], zoom, pixels)) {
-      return {cv::Mat::zeros(pixels.size(), CV_8UC3), cv::Mat::zeros(pixels.size(), CV_8UC1)};
-    }
-    return opened(input).read(zoom, pixels);
+    return lies_near(inputs_[input], zoom, pixels) ? opened(input).read(zoom, pixels) : MaskedImage();
   }
 
  private:

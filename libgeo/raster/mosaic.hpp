@@ -51,7 +51,8 @@ class TileGrid {
   std::vector<InputShares> cells_;
 };
 
-// Reads one layer of a mosaic: a rectangle of global pixels of a zoom; mask 0 where the layer shows nothing.
+// Reads one layer of a mosaic: a rectangle of global pixels of a zoom; mask 0 where the layer shows nothing. Empty
+// images when it shows nothing in all of it.
 using LayerReader = std::function<MaskedImage(int zoom, const cv::Rect& pixels)>;
 
 // Whether the raster may show in this rectangle, or a seam beside it: the box of its outline touches, or lies near.

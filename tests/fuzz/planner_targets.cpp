@@ -69,7 +69,8 @@ route: {corridor_half_width_m: 40, agl_m: 100, points: [[8.4990, 47.4000], [8.50
 
 void metatile(std::string_view bytes) {
   Bytes record(bytes.begin(), bytes.end());
-  for (const std::uint64_t size : {kTilePixels * 3, kTilePixels}) {  // colours, mask
+  for (const int channels : {3, 1}) {  // colours, mask
+    const auto size = static_cast<std::uint64_t>(kTilePixels * channels);
     for (int shift = 56; shift >= 0; shift -= 8) record.push_back(static_cast<std::uint8_t>(size >> shift));
     record.resize(record.size() + size, 7);
   }
