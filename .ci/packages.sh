@@ -69,6 +69,10 @@ packages_test=(
   age                        # encrypts packages, as docs/secrecy.md says
   softhsm2                   # a PKCS#11 token in software
   opensc                     # pkcs11-tool, which makes keys in it
+  slurmctld                  # a real scheduler, which a test of shared builds starts and stops ...
+  slurmd                     # ... with two nodes ...
+  slurm-client               # ... and jobs that it submits
+  munge                      # how they know each other
 )
 packages_package=(
   libgstreamer1.0-dev        # the camera plug-ins: GStreamer's …

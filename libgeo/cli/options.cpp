@@ -101,6 +101,7 @@ struct Options::Impl {
   std::list<Option::State> states;                             // a list, because Option keeps a pointer
   std::vector<std::pair<CLI::Option*, std::string>> needs;     // the other one may be declared later
   std::vector<std::pair<std::string, std::string>> old_names;  // with what they are called now
+  std::vector<std::vector<std::string>> alternatives;          // each the mode and what goes with it
 
   std::string hint() const { return fmt::format("`{} --help` lists the options", command); }
 
@@ -112,6 +113,7 @@ struct Options::Impl {
   }
 
   std::vector<std::string> with_present_names(const std::vector<std::string>& args) const;
+  void choose_alternative(const std::vector<std::string>& args);
   [[noreturn]] void reject(const CLI::ParseError& error) const;
 };
 
@@ -195,6 +197,24 @@ std::vector<std::string> Options::Impl::with_present_names(const std::vector<std
   return result;
 }
 
+void Options::Impl::choose_alternative(const std::vector<std::string>& args) {
+  const auto named = [&](const std::string& name) {
+    return std::any_of(args.begin(), args.end(),
+                       [&](const std::string& arg) { return arg.substr(0, arg.find('=')) == name; });
+  };
+  for (const std::vector<std::string>& words : alternatives) {
+    if (!named(words.front())) continue;
+    for (CLI::Option* option : app.get_options()) {
+      const std::string name = option->get_name();
+      option->required(false);
+      if (!named(name) || std::find(words.begin(), words.end(), name) != words.end()) continue;
+      throw UsageError({.what = fmt::format("{} cannot be given with {}", name, words.front()),
+                        .expected = fmt::format("{} alone", fmt::join(words, ", ")),
+                        .fix = hint()});
+    }
+  }
+}
+
 // CLI11's own words, with what helps: the placeholder of a missing option, and the option that was probably meant.
 void Options::Impl::reject(const CLI::ParseError& error) const {
   if (!app.remaining().empty()) {
@@ -222,10 +242,17 @@ void Options::Impl::reject(const CLI::ParseError& error) const {
   throw UsageError({.what = error.what(), .fix = hint()});
 }
 
+void Options::alternative(std::string_view mode, std::initializer_list<std::string_view> with) {
+  std::vector<std::string>& words = impl_->alternatives.emplace_back();
+  words.emplace_back(mode);
+  words.insert(words.end(), with.begin(), with.end());
+}
+
 bool Options::parse(const std::vector<std::string>& args) {
   if (std::any_of(args.begin(), args.end(), [](const std::string& arg) { return arg == "--help" || arg == "-h"; })) {
     return false;
   }
+  impl_->choose_alternative(impl_->with_present_names(args));
   for (const auto& [option, other] : impl_->needs) option->needs(impl_->app.get_option(other));
   std::vector<std::string> reversed = impl_->with_present_names(args);
   std::reverse(reversed.begin(), reversed.end());

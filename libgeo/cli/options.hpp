@@ -140,6 +140,10 @@ class Options {
   }
   Option flag(std::string_view name, bool& target, std::string_view help);
 
+  // Another way to call the command: with the option `mode`, only it and these may be given, and no other is required.
+  // After they have been declared.
+  void alternative(std::string_view mode, std::initializer_list<std::string_view> with);
+
   // An argument without a name. Positionals are taken in the order in which they are declared.
   template <typename T>
   Option positional(std::string_view placeholder, T& target, std::string_view help) {

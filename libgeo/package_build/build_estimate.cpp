@@ -118,9 +118,7 @@ BuildEstimate estimate_build(const Mission& mission, const TileFormatFigures& fi
   for (const ZoomCount& of : count_tiles(sample, range, squares.front().z)) zooms[of.zoom].planned = of.tiles;
   progress.begin("sampling the imagery", sampled, "squares");
   const auto make_worker = [&]() -> std::function<Metatile(std::size_t)> {
-    auto sources = std::make_shared<std::vector<RasterSource>>();
-    for (const ImageryInput& input : inputs) sources->emplace_back(input.path, input.stretch);
-    return [&, sources, layers = layers_of(*sources)](std::size_t item) {
+    return [&, layers = layers_of(inputs)](std::size_t item) {
       return render_metatile(sample[item], range, layers, feather_px, encoder);
     };
   };

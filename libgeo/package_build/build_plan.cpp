@@ -12,6 +12,7 @@
 #include "imagery/codecs.hpp"
 #include "package/coverage_requirement.hpp"
 #include "package/mission_check.hpp"
+#include "raster/mosaic.hpp"
 
 namespace nadir {
 namespace {
@@ -171,7 +172,10 @@ std::vector<Sidecar> plan_sidecars(const Mission& mission, std::span<const Image
       InputShares used;
       cv::Mat valid(kTileSize, kTileSize, CV_8UC1, cv::Scalar(0));
       int count = 0;
+      const cv::Rect pixels(static_cast<int>(key.x) * kTileSize, static_cast<int>(key.y) * kTileSize, kTileSize,
+                            kTileSize);
       for (std::size_t i = 0; i < inputs.size() && count < kTilePixels; ++i) {
+        if (!lies_near(inputs[i], zoom, pixels)) continue;  // of thousands of rasters few do
         valid |= rasterize_outline(inputs[i].outline, key);
         const int now = cv::countNonZero(valid);
         if (now > count) used[i] = static_cast<std::uint64_t>(now - count);

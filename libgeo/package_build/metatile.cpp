@@ -143,6 +143,7 @@ class Reader {
     const std::uint64_t count = number();
     for (std::uint64_t i = 0; i < count && good_; ++i) {
       const std::uint64_t input = number();
+      if (!used.empty() && input <= used.rbegin()->first) good_ = false;  // as a map writes them
       used[static_cast<std::size_t>(input)] = number();
     }
     return used;
@@ -202,9 +203,9 @@ std::optional<Metatile> parse_metatile(ByteView record) {
   for (std::uint64_t i = 0; i < count && in.good(); ++i) {
     EncodedTile& tile = metatile.tiles.emplace_back();
     Sidecar& s = tile.sidecar;
-    s.key.z = static_cast<std::uint8_t>(in.number());
-    s.key.x = static_cast<std::uint32_t>(in.number());
-    s.key.y = static_cast<std::uint32_t>(in.number());
+    const std::uint64_t z = in.number(), x = in.number(), y = in.number();
+    if (z > kMaxZoom || x >> z != 0 || y >> z != 0) return std::nullopt;
+    s.key = {static_cast<std::uint8_t>(z), static_cast<std::uint32_t>(x), static_cast<std::uint32_t>(y)};
     const ByteView digest = in.block();
     if (digest.size() != s.sha256.bytes.size()) return std::nullopt;
     std::copy(digest.begin(), digest.end(), s.sha256.bytes.begin());

@@ -8,8 +8,8 @@
 #include "package/mission_check.hpp"
 #include "package/package_writer.hpp"
 #include "package_build/build_journal.hpp"
+#include "package_build/pinned_file.hpp"
 #include "package_build/terrain_builder.hpp"
-#include "raster/gdal_dataset.hpp"
 #include "raster/imagery_input.hpp"
 #include "vision/place_index.hpp"
 
@@ -113,44 +113,6 @@ std::uint64_t package_size(const fs::path& folder) {
 
 namespace {
 
-// One digest over all files of the raster: its masks and overviews, and the sources of a VRT.
-std::string digest_of(const fs::path& raster) {
-  Sha256Stream all;
-  for (const fs::path& file : files_of_raster(raster)) all.update(ByteView(sha256_file(file).bytes));
-  return all.finish().hex();
-}
-
-// Everything that a build's result depends on, as lines "name: value": what a resumed build is compared with. Reads
-// every file that the rasters are made of.
-std::string describe_build(const PackageRequest& request, std::string_view mission_text,
-                           std::span<const ImageryInput> inputs) {
-  std::string text =
-      fmt::format("program: {}\nmission: sha256 {}\n", request.program, sha256(as_bytes(mission_text)).hex());
-  for (std::size_t i = 0; i < inputs.size(); ++i) {
-    const ImageryFacts& facts = inputs[i].facts;
-    text += fmt::format(
-        "imagery {}: sha256 {}, captured {}, gsd {}, ce90 {}, provider {}, licence {}, attribution {}, stretch {}\n",
-        i + 1, digest_of(inputs[i].path), to_rfc3339(facts.captured_at), facts.gsd_m, facts.ce90_m, facts.provider,
-        facts.licence, facts.attribution, inputs[i].stretch ? to_text(*inputs[i].stretch) : "none");
-  }
-  text += fmt::format("seams: feather {} m\n", request.tiles.mosaic.feather_m);
-  text += fmt::format("dem: {}\n", request.dem ? "sha256 " + digest_of(*request.dem) : "none");
-  if (const auto& vectors = request.vectors) {
-    const VectorOrigin origin = origin_of(*vectors);
-    text += fmt::format("vectors: sha256 {}, attribution {}, licence {}\n", sha256_file(vectors->file).hex(),
-                        origin.attribution, origin.licence);
-  }
-  text += fmt::format("tiles: {}, quality {}{}, in {}\n", name_of(request.tiles.encoding.format),
-                      request.tiles.encoding.quality, request.tiles.encoding.lossless ? ", lossless" : "",
-                      file_of(request.tiles.container));
-  text += fmt::format("judged at: {}\n", request.at ? to_rfc3339(*request.at) : "the mission's created");
-  for (const auto& [version, root] : request.roots) {
-    text += fmt::format("root {}: sha256 {}\n", version, sha256(as_bytes(root)).hex());
-  }
-  text += fmt::format("key: {}\n", request.key != nullptr ? request.key->public_key().id() : "none");
-  return text;
-}
-
 // Before the work: valid as long as every pixel of the imagery is valid.
 Findings check_plan(const Mission& mission, const std::vector<ImageryInput>& inputs, const TileRange& range,
                     UtcTime at) {
@@ -163,17 +125,29 @@ Findings check_plan(const Mission& mission, const std::vector<ImageryInput>& inp
   return findings;
 }
 
-// Everything that is known once the plan is accepted.
-struct Plan {
-  const PackageRequest& request;
-  const Mission& mission;
-  const std::string& mission_text;
-  const std::vector<ImageryInput>& inputs;
-  const TileRange& range;
-  const std::optional<TerrainRaster>& terrain;
-  const std::optional<PackageVectors>& vectors;
-  UtcTime at;
-};
+std::vector<Sha256> digests_of(std::span<const ImageryInput> inputs) {
+  std::vector<Sha256> digests;
+  for (const ImageryInput& input : inputs) digests.push_back(digest_of(pin_raster(input.path)));
+  return digests;
+}
+
+// Everything that a build's result depends on: what a resumed build is compared with. Reads
+// every file that the rasters are made of.
+std::string describe_build(const PackageRequest& request, const PreparedBuild& build) {
+  std::string text = describe_tiles(request, build.mission_text, build.inputs, digests_of(build.inputs));
+  text += fmt::format("dem: {}\n", request.dem ? "sha256 " + digest_of(pin_raster(*request.dem)).hex() : "none");
+  if (const auto& vectors = request.vectors) {
+    const VectorOrigin origin = origin_of(*vectors);
+    text += fmt::format("vectors: sha256 {}, attribution {}, licence {}\n", sha256_file(vectors->file).hex(),
+                        origin.attribution, origin.licence);
+  }
+  text += fmt::format("judged at: {}\n", request.at ? to_rfc3339(*request.at) : "the mission's created");
+  for (const auto& [version, root] : request.roots) {
+    text += fmt::format("root {}: sha256 {}\n", version, sha256(as_bytes(root)).hex());
+  }
+  text += fmt::format("key: {}\n", request.key != nullptr ? request.key->public_key().id() : "none");
+  return text;
+}
 
 void remove_all_but_journal(const fs::path& folder) {
   std::vector<fs::path> rest;
@@ -190,68 +164,100 @@ void report_leftovers(const StagingDirectory& staging, const PackageRequest& req
   }
 }
 
-// Writes the whole package; its findings take the place of the plan's. Without errors the folder is complete except for
-// the journal in it.
-void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journal, Progress& progress,
-                  PackageReport& report) {
-  const auto& [request, mission, mission_text, inputs, range, terrain, vectors, at] = plan;
+}  // namespace
+
+std::string describe_tiles(const PackageRequest& request, std::string_view mission_text,
+                           std::span<const ImageryInput> inputs, std::span<const Sha256> digests) {
+  std::string text =
+      fmt::format("program: {}\nmission: sha256 {}\n", request.program, sha256(as_bytes(mission_text)).hex());
+  for (std::size_t i = 0; i < inputs.size(); ++i) {
+    const ImageryFacts& facts = inputs[i].facts;
+    text += fmt::format(
+        "imagery {}: sha256 {}, captured {}, gsd {}, ce90 {}, provider {}, licence {}, attribution {}, stretch {}\n",
+        i + 1, digests[i].hex(), to_rfc3339(facts.captured_at), facts.gsd_m, facts.ce90_m, facts.provider,
+        facts.licence, facts.attribution, inputs[i].stretch ? to_text(*inputs[i].stretch) : "none");
+  }
+  text += fmt::format("seams: feather {} m\n", request.tiles.mosaic.feather_m);
+  text += fmt::format("tiles: {}, quality {}{}, in {}\n", name_of(request.tiles.encoding.format),
+                      request.tiles.encoding.quality, request.tiles.encoding.lossless ? ", lossless" : "",
+                      file_of(request.tiles.container));
+  return text;
+}
+
+PreparedBuild prepare_build(const PackageRequest& request) {
+  PreparedBuild build;
+  build.mission_text = read_text_file(request.mission, std::uint64_t{1} << 20);
+  build.mission = parse_mission_or_throw(build.mission_text, request.mission);
+  check_zoom(build.mission, request.mission);
+  check_terrain_wanted(build.mission, request.mission, request.dem);
+  build.inputs =
+      in_order(open_imagery(request.imagery, request.overrides, request.stretches), request.tiles.mosaic.order);
+  build.at = request.at.value_or(build.mission.created);
+  build.range = plan_range(build.mission, build.inputs);
+  build.findings = check_plan(build.mission, build.inputs, build.range, build.at);
+  if (request.now) build.findings.add(check_expiry(build.mission, *request.now, Severity::warning));
+  build.of_inputs = check_stated_resolution(build.inputs);  // the tiles that are made say nothing of these
+  build.of_inputs.add(check_stated_places(build.inputs));
+  build.of_inputs.add(check_stated_licences(build.inputs));
+  prepare_layers(request, build);
+  return build;
+}
+
+void prepare_layers(const PackageRequest& request, PreparedBuild& build) {
+  build.terrain = prepare_terrain(build.mission, request.mission, request.dem, build.of_inputs);
+  if (request.vectors && !build.rejected()) {
+    build.vectors = cut_vectors(*request.vectors, build.mission, build.of_inputs);
+  }
+}
+
+PackageReport fill_package(const fs::path& folder, const PackageRequest& request, const PreparedBuild& build,
+                           const MakeTiles& make_tiles, Progress& progress) {
+  const Mission& mission = build.mission;
+  PackageReport report;
+  report.zoom = mission.zoom;
   const fs::path tiles = folder / file_of(request.tiles.container);
   fs::create_directories(tiles.parent_path());
-  TileSet set = build_tile_set(mission, inputs, range, request.tiles, tiles, journal, progress);
-  set.facts.sources = stated_sources(set.sidecars, inputs);
+  TileSet set = make_tiles(TilePlan(mission, build.inputs, build.range, request.tiles), tiles);
+  set.facts.sources = stated_sources(set.sidecars, build.inputs);
   if (set.over_budget) {
     report.findings = check_budget(mission, set.tile_bytes, set.expected_bytes);
-    return;
+    report.findings.add(build.of_inputs);
+    return report;
   }
   progress.begin("completing the package", 3, "steps");
   complete_package(folder,
                    {.mission = mission,
-                    .mission_text = mission_text,
+                    .mission_text = build.mission_text,
                     .tiles = set.facts,
-                    .terrain = terrain,
+                    .terrain = build.terrain,
                     .roots = request.roots,
                     .key = request.key,
-                    .vectors = vectors ? &*vectors : nullptr},
+                    .vectors = build.vectors ? &*build.vectors : nullptr},
                    progress);
-  if (vectors) report.vectors = vectors->facts;
-  if (terrain) report.terrain = terrain->grid();
+  if (build.vectors) report.vectors = build.vectors->facts;
+  if (build.terrain) report.terrain = build.terrain->grid();
   report.resumed = set.resumed;
   report.tiles = set.facts.count;
   report.merkle_root = set.facts.merkle_root;
   report.bytes = package_size(folder);
-  report.findings = check_expiry(mission, at);
+  report.findings = check_expiry(mission, build.at);
   if (request.now) report.findings.add(check_expiry(mission, *request.now, Severity::warning));
-  report.findings.add(check_tile_requirements(mission, set.sidecars, report.bytes, at));
+  report.findings.add(check_tile_requirements(mission, set.sidecars, report.bytes, build.at));
+  report.findings.add(build.of_inputs);
+  return report;
 }
 
-}  // namespace
-
 PackageReport build_package(const PackageRequest& request, Progress& progress) {
-  const std::string mission_text = read_text_file(request.mission, std::uint64_t{1} << 20);
-  const Mission mission = parse_mission_or_throw(mission_text, request.mission);
-  check_zoom(mission, request.mission);
-  check_terrain_wanted(mission, request.mission, request.dem);
-  const std::vector<ImageryInput> inputs =
-      in_order(open_imagery(request.imagery, request.overrides, request.stretches), request.tiles.mosaic.order);
-  const UtcTime at = request.at.value_or(mission.created);
-  const TileRange range = plan_range(mission, inputs);
-
+  const PreparedBuild build = prepare_build(request);
   PackageReport report;
-  report.zoom = mission.zoom;
-  report.findings = check_plan(mission, inputs, range, at);
-  if (request.now) report.findings.add(check_expiry(mission, *request.now, Severity::warning));
-  Findings of_inputs = check_stated_resolution(inputs);  // the tiles that are made say nothing of these
-  of_inputs.add(check_stated_places(inputs));
-  of_inputs.add(check_stated_licences(inputs));
-  const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, request.dem, of_inputs);
-  if (report.findings.has_errors() || of_inputs.has_errors()) {
-    report.findings.add(of_inputs);
+  report.zoom = build.mission.zoom;
+  if (build.rejected()) {
+    report.findings = build.findings;
+    report.findings.add(build.of_inputs);
     return report;
   }
-  std::optional<PackageVectors> vectors;
-  if (request.vectors) vectors = cut_vectors(*request.vectors, mission, of_inputs);
 
-  const std::string configuration = describe_build(request, mission_text, inputs);
+  const std::string configuration = describe_build(request, build);
   StagingDirectory staging(request.out,
                            request.resume ? StagingDirectory::Leftovers::keep : StagingDirectory::Leftovers::discard);
   try {
@@ -261,9 +267,10 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
     BuildJournal journal(staging.path() / kJournalFile, configuration);
     remove_all_but_journal(staging.path());
     staging.keep(false);
-    fill_package(staging.path(), {request, mission, mission_text, inputs, range, terrain, vectors, at}, journal,
-                 progress, report);
-    report.findings.add(of_inputs);
+    report = fill_package(
+        staging.path(), request, build,
+        [&](const TilePlan& plan, const fs::path& file) { return build_tile_set(plan, file, journal, progress); },
+        progress);
     if (report.findings.has_errors()) {
       progress.end();
       return report;

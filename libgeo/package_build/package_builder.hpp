@@ -58,6 +58,36 @@ struct PackageReport {
 
 PackageReport build_package(const PackageRequest& request, Progress& progress);
 
+// What a build is, before a pixel is read.
+struct PreparedBuild {
+  std::string mission_text;
+  Mission mission;
+  std::vector<ImageryInput> inputs;  // the topmost first
+  TileRange range;
+  UtcTime at;          // time of evaluation
+  Findings findings;   // of the plan: valid as long as every pixel of the imagery is
+  Findings of_inputs;  // what the tiles that are made will not show
+  std::optional<TerrainRaster> terrain;
+  std::optional<PackageVectors> vectors;
+
+  bool rejected() const { return findings.has_errors() || of_inputs.has_errors(); }
+};
+
+PreparedBuild prepare_build(const PackageRequest& request);
+
+// Terrain and vectors of the request, for a build whose mission and inputs are known.
+void prepare_layers(const PackageRequest& request, PreparedBuild& build);
+
+// Everything that the tiles depend on, as lines "name: value". digests: one for each input.
+std::string describe_tiles(const PackageRequest& request, std::string_view mission_text,
+                           std::span<const ImageryInput> inputs, std::span<const Sha256> digests);
+
+// Writes the whole package into the folder. make_tiles: writes the tile set. Without errors in the report's findings
+// the folder is complete.
+using MakeTiles = std::function<TileSet(const TilePlan& plan, const std::filesystem::path& file)>;
+PackageReport fill_package(const std::filesystem::path& folder, const PackageRequest& request,
+                           const PreparedBuild& build, const MakeTiles& make_tiles, Progress& progress);
+
 // Steps of a build that `nadir cache update` and `nadir cache index` share.
 
 Mission parse_mission_or_throw(std::string_view yaml, const std::filesystem::path& path);  // UsageError

@@ -140,61 +140,97 @@ void OverviewAssembler::add(const TileKey& key, const TileCanvas& tile) {
   add(parent_key, whole);
 }
 
-TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inputs, const TileRange& range,
-                       const TileSetOptions& options, const std::filesystem::path& file, BuildJournal& journal,
-                       Progress& progress) {
-  const SingleOpenCvThread one_thread;
-  const TileEncoder encoder(mission, inputs, options.encoding);
-  const std::vector<TileKey> tops = metatiles_of(mission, range);
-  const double feather_px = feather_pixels(mission, options.mosaic);
-  TileSetWriter writer(options.container, file, mission, range, options.encoding.format);
-  OverviewAssembler overviews(tops, mission.zoom.min, [&](const TileKey& key, const TileCanvas& overview) {
-    writer.add(encoder.encode(key, overview));
-  });
+TilePlan::TilePlan(const Mission& mission_in, std::span<const ImageryInput> inputs_in, const TileRange& range_in,
+                   const TileSetOptions& options_in)
+    : mission(mission_in),
+      inputs(inputs_in),
+      range(range_in),
+      options(options_in),
+      metatiles(metatiles_of(mission_in, range_in)) {}
 
-  std::size_t done = 0;       // metatiles from the journal
-  std::uint64_t resumed = 0;  // tiles of the finest zoom in them
-  std::size_t taken = 0;      // metatiles, from there and made
-  progress.begin("making tiles", tops.empty() ? 0 : count_tiles(tops, range, range.zoom).back().tiles, "tiles");
-  const auto make_worker = [&]() -> std::function<Metatile(std::size_t)> {
-    auto sources = std::make_shared<std::vector<RasterSource>>();
-    for (const ImageryInput& input : inputs) sources->emplace_back(input.path, input.stretch);
-    return [&, sources, layers = layers_of(*sources)](std::size_t item) {
-      return render_metatile(tops[done + item], range, layers, feather_px, encoder);
-    };
-  };
-  const auto take = [&](std::size_t item, Metatile metatile) {
-    std::uint64_t finest = 0;
-    for (EncodedTile& tile : metatile.tiles) {
-      finest += tile.sidecar.key.z == range.zoom ? 1U : 0U;
-      writer.add(std::move(tile));
-    }
-    overviews.add(tops[item], metatile.top);
+std::uint64_t TilePlan::finest_tiles(std::size_t first, std::size_t last) const {
+  if (first == last) return 0;
+  return count_tiles(std::span(metatiles).subspan(first, last - first), range, range.zoom).back().tiles;
+}
+
+namespace {
+
+std::uint64_t finest_tiles_in(const Metatile& metatile, int finest) {
+  return static_cast<std::uint64_t>(
+      std::count_if(metatile.tiles.begin(), metatile.tiles.end(),
+                    [&](const EncodedTile& tile) { return tile.sidecar.key.z == finest; }));
+}
+
+}  // namespace
+
+std::uint64_t make_metatiles(const TilePlan& plan, MetatileSpan part, BuildJournal& journal, const TakeMetatile& take,
+                             Progress& progress) {
+  const SingleOpenCvThread one_thread;
+  const TileEncoder encoder(plan.mission, plan.inputs, plan.options.encoding);
+  const double feather_px = feather_pixels(plan.mission, plan.options.mosaic);
+  const auto hand_on = [&](Metatile metatile) {
+    const std::uint64_t finest = finest_tiles_in(metatile, plan.range.zoom);
+    const bool go_on = take(std::move(metatile));
     progress.advance(finest);
-    ++taken;
-    return finest;
+    return go_on;
   };
+
+  std::uint64_t resumed = 0;
+  std::size_t done = part.first;
   while (const auto record = journal.next()) {
     std::optional<Metatile> metatile = parse_metatile(*record);
-    if (!metatile || done == tops.size()) {
+    if (!metatile || done == part.last) {
       throw Error({.what = "the journal of the interrupted build cannot be used",
-                   .where = file.string(),
-                   .fix = "build from the start, without --resume"});
+                   .where = journal.path().string(),
+                   .fix = "remove it and build from the start, without --resume"});
     }
-    resumed += take(done++, std::move(*metatile));
-    if (writer.over_budget()) break;
+    ++done;
+    resumed += finest_tiles_in(*metatile, plan.range.zoom);
+    if (!hand_on(std::move(*metatile))) return resumed;
   }
-  if (!writer.over_budget()) {
-    work_in_order<Metatile>(tops.size() - done, options.threads, make_worker, [&](std::size_t item, Metatile metatile) {
-      journal.add(serialize_metatile(metatile));
-      take(done + item, std::move(metatile));
-      return !writer.over_budget();
-    });
-  }
+  const auto make_worker = [&]() -> std::function<Metatile(std::size_t)> {
+    return [&, layers = layers_of(plan.inputs)](std::size_t item) {
+      return render_metatile(plan.metatiles[done + item], plan.range, layers, feather_px, encoder);
+    };
+  };
+  work_in_order<Metatile>(part.last - done, plan.options.threads, make_worker, [&](std::size_t, Metatile metatile) {
+    journal.add(serialize_metatile(metatile));
+    return hand_on(std::move(metatile));
+  });
+  return resumed;
+}
+
+TileSet build_tile_set(const TilePlan& plan, const std::filesystem::path& file, BuildJournal& journal,
+                       Progress& progress) {
+  TileSetAssembler assembler(plan, file);
+  const MetatileSpan all{0, plan.metatiles.size()};
+  progress.begin("making tiles", plan.finest_tiles(all.first, all.last), "tiles");
+  const std::uint64_t resumed = make_metatiles(
+      plan, all, journal, [&](Metatile metatile) { return assembler.add(std::move(metatile)); }, progress);
   progress.end();
-  TileSet set = writer.finish(range, options.encoding.format);
+  TileSet set = assembler.finish();
   set.resumed = resumed;
-  if (set.over_budget && taken > 0) set.expected_bytes = set.tile_bytes * tops.size() / taken;
+  return set;
+}
+
+TileSetAssembler::TileSetAssembler(const TilePlan& plan, const std::filesystem::path& file)
+    : plan_(plan),
+      encoder_(plan.mission, plan.inputs, plan.options.encoding),
+      writer_(plan.options.container, file, plan.mission, plan.range, plan.options.encoding.format),
+      overviews_(plan.metatiles, plan.mission.zoom.min, [this](const TileKey& key, const TileCanvas& overview) {
+        writer_.add(encoder_.encode(key, overview));
+      }) {}
+
+bool TileSetAssembler::add(Metatile metatile) {
+  for (EncodedTile& tile : metatile.tiles) writer_.add(std::move(tile));
+  overviews_.add(plan_.metatiles[taken_], metatile.top);
+  ++taken_;
+  return !writer_.over_budget();
+}
+
+TileSet TileSetAssembler::finish() {
+  TileSet set = writer_.finish(plan_.range, plan_.options.encoding.format);
+  if (set.over_budget && taken_ > 0) set.expected_bytes = set.tile_bytes * plan_.metatiles.size() / taken_;
   return set;
 }
 

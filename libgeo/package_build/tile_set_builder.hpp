@@ -1,7 +1,9 @@
 // Imagery to a tile set: an MBTiles file or a COG with overviews and sidecars.
 //
-// Metatiles are warped, averaged and encoded by several threads and written in one order; the file is the same for any
-// number of threads. Memory is bounded: overviews above the metatiles are assembled as soon as their children are done.
+// The work has two halves. make_metatiles() warps, averages and encodes metatiles by several threads and keeps them in
+// a journal; TileSetAssembler takes them in their one order, makes the overviews above them and writes the file. So the
+// file is the same for any number of threads, and for any number of machines that made metatiles. Memory is bounded:
+// overviews are assembled as soon as their children are done.
 #pragma once
 
 #include <filesystem>
@@ -42,10 +44,37 @@ struct TileSet {
   std::optional<std::uint64_t> expected_bytes{};  // over budget: of all tiles, as large as those that were made
 };
 
-// Metatiles that the journal holds are taken from there; the others are appended to it before anything else is done
-// with them.
-TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inputs, const TileRange& range,
-                       const TileSetOptions& options, const std::filesystem::path& file, BuildJournal& journal,
+// The tiles of a build: what they are made of, and the metatiles that the work is split into.
+struct TilePlan {
+  TilePlan(const Mission& mission, std::span<const ImageryInput> inputs, const TileRange& range,
+           const TileSetOptions& options);
+
+  std::uint64_t finest_tiles(std::size_t first, std::size_t last) const;  // of metatiles [first, last), at most
+
+  const Mission& mission;
+  std::span<const ImageryInput> inputs;  // the topmost first
+  TileRange range;                       // of the finest zoom
+  TileSetOptions options;
+  std::vector<TileKey> metatiles;  // metatiles_of(mission, range)
+};
+
+// A part of a plan's metatiles: [first, last).
+struct MetatileSpan {
+  std::size_t first = 0, last = 0;
+
+  std::size_t count() const { return last - first; }
+  bool operator==(const MetatileSpan&) const = default;
+};
+
+// Makes these metatiles. Those that the journal holds are taken from there; the others are appended to it before they
+// are handed on. take: gets them in their order and ends the work by false. Advances progress by tiles of the finest
+// zoom. Returns how many of these were taken from the journal.
+using TakeMetatile = std::function<bool(Metatile)>;
+std::uint64_t make_metatiles(const TilePlan& plan, MetatileSpan part, BuildJournal& journal, const TakeMetatile& take,
+                             Progress& progress);
+
+// Both halves on one machine.
+TileSet build_tile_set(const TilePlan& plan, const std::filesystem::path& file, BuildJournal& journal,
                        Progress& progress);
 
 // Writes tiles in any order to an MBTiles file with sidecars inside, or to a COG with sidecars.sqlite beside it. Counts
@@ -92,6 +121,24 @@ class OverviewAssembler {
   OverviewSink sink_;
   std::map<TileKey, int> children_;  // number of children of each parent
   std::map<TileKey, Parent> parents_;
+};
+
+// All metatiles of a plan, one after the other in their order, to the tile set's file.
+class TileSetAssembler {
+ public:
+  TileSetAssembler(const TilePlan& plan, const std::filesystem::path& file);
+
+  bool add(Metatile metatile);  // false: over budget, and nothing more is wanted
+
+  // After all metatiles, or over budget.
+  TileSet finish();
+
+ private:
+  const TilePlan& plan_;
+  TileEncoder encoder_;
+  TileSetWriter writer_;
+  OverviewAssembler overviews_;
+  std::size_t taken_ = 0;
 };
 
 }  // namespace nadir

@@ -4,9 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <memory>
 #include <opencv2/imgproc.hpp>
 
 #include "base/error.hpp"
+#include "raster/raster_source.hpp"
 
 namespace nadir {
 namespace {
@@ -26,6 +29,7 @@ void compose_hard(int zoom, const cv::Rect& pixels, std::span<const LayerReader>
   MaskedImage& image = target.image;
   for (std::size_t i = 0; i < layers.size(); ++i) {
     const MaskedImage layer = layers[i](zoom, pixels);
+    if (layer.mask.empty()) continue;
     cv::Mat fresh = layer.mask;
     if (i == 0) {
       layer.bgr.copyTo(image.bgr);
@@ -118,7 +122,7 @@ void compose_feathered(int zoom, const cv::Rect& pixels, double feather_px, std:
   Blend blend(pixels.size());
   for (std::size_t i = 0; i < layers.size() && !blend.opaque(); ++i) {
     const MaskedImage layer = layers[i](zoom, wide);
-    if (cv::countNonZero(layer.mask(inner)) == 0) continue;
+    if (layer.mask.empty() || cv::countNonZero(layer.mask(inner)) == 0) continue;
     const cv::Mat weight = blend.add(layer.bgr(inner), alpha_of(layer.mask, feather_px)(inner));
     for (int row = 0; row < pixels.height / kTileSize; ++row) {
       for (int column = 0; column < pixels.width / kTileSize; ++column) {
@@ -152,10 +156,64 @@ double feather_pixels(const Mission& mission, const MosaicOptions& mosaic) {
                     .found = fmt::format("{} m", mosaic.feather_m)});
 }
 
-std::vector<LayerReader> layers_of(std::vector<RasterSource>& sources) {
+bool lies_near(const ImageryInput& input, int zoom, const cv::Rect& pixels) {
+  constexpr double kNear_px = 1024;  // more than the widest seam, and than a raster that is rotated against the map
+  double west_m = INFINITY, south_m = INFINITY, east_m = -INFINITY, north_m = -INFINITY;
+  for (const MercatorXY& point : input.outline) {
+    west_m = std::min(west_m, point.x_m), east_m = std::max(east_m, point.x_m);
+    south_m = std::min(south_m, point.y_m), north_m = std::max(north_m, point.y_m);
+  }
+  const double pixel_m = mercator_pixel_m(zoom);
+  return (pixels.x - kNear_px) * pixel_m - kMercatorHalfWorld_m < east_m &&
+         (pixels.br().x + kNear_px) * pixel_m - kMercatorHalfWorld_m > west_m &&
+         kMercatorHalfWorld_m - (pixels.y - kNear_px) * pixel_m > south_m &&
+         kMercatorHalfWorld_m - (pixels.br().y + kNear_px) * pixel_m < north_m;
+}
+
+namespace {
+
+// The rasters that one thread reads.
+class OpenRasters {
+ public:
+  explicit OpenRasters(std::span<const ImageryInput> inputs) : inputs_(inputs) {}
+
+  MaskedImage read(std::size_t input, int zoom, const cv::Rect& pixels) {
+    return lies_near(inputs_[input], zoom, pixels) ? opened(input).read(zoom, pixels) : MaskedImage();
+  }
+
+ private:
+  struct Open {
+    RasterSource source;
+    std::uint64_t last_use = 0;
+  };
+
+  RasterSource& opened(std::size_t input) {
+    constexpr std::size_t kMostOpen = 64;
+    auto found = open_.find(input);
+    if (found == open_.end()) {
+      if (open_.size() == kMostOpen) {
+        open_.erase(std::min_element(open_.begin(), open_.end(), [](const auto& a, const auto& b) {
+          return a.second.last_use < b.second.last_use;
+        }));
+      }
+      found = open_.emplace(input, Open{RasterSource(inputs_[input].path, inputs_[input].stretch)}).first;
+    }
+    found->second.last_use = ++uses_;
+    return found->second.source;
+  }
+
+  std::span<const ImageryInput> inputs_;
+  std::map<std::size_t, Open> open_;
+  std::uint64_t uses_ = 0;
+};
+
+}  // namespace
+
+std::vector<LayerReader> layers_of(std::span<const ImageryInput> inputs) {
+  const auto rasters = std::make_shared<OpenRasters>(inputs);
   std::vector<LayerReader> layers;
-  for (RasterSource& source : sources) {
-    layers.emplace_back([&source](int zoom, const cv::Rect& pixels) { return source.read(zoom, pixels); });
+  for (std::size_t i = 0; i < inputs.size(); ++i) {
+    layers.emplace_back([rasters, i](int zoom, const cv::Rect& pixels) { return rasters->read(i, zoom, pixels); });
   }
   return layers;
 }

@@ -14,7 +14,6 @@
 #include "package/mission.hpp"
 #include "raster/imagery_input.hpp"
 #include "raster/masked_image.hpp"
-#include "raster/raster_source.hpp"
 
 namespace nadir {
 
@@ -52,11 +51,17 @@ class TileGrid {
   std::vector<InputShares> cells_;
 };
 
-// Reads one layer of a mosaic: a rectangle of global pixels of a zoom; mask 0 where the layer shows nothing.
+// Reads one layer of a mosaic: a rectangle of global pixels of a zoom; mask 0 where the layer shows nothing. Empty
+// images when it shows nothing in all of it.
 using LayerReader = std::function<MaskedImage(int zoom, const cv::Rect& pixels)>;
 
-// The rasters as layers; they must outlive the readers.
-std::vector<LayerReader> layers_of(std::vector<RasterSource>& sources);
+// Whether the raster may show in this rectangle, or a seam beside it: the box of its outline touches, or lies near.
+bool lies_near(const ImageryInput& input, int zoom, const cv::Rect& pixels);
+
+// The rasters as layers for one thread; the inputs must outlive the readers. A raster is opened when pixels are wanted
+// that it lies near, and closed when too many others are open: the number of inputs costs neither memory nor file
+// handles, and a part of a large map opens only what lies there.
+std::vector<LayerReader> layers_of(std::span<const ImageryInput> inputs);
 
 // Fills the canvas from `at` on with the given pixels of the zoom, whole tiles, and records which of the layers, the
 // topmost first, show in which tile. The canvas must be empty (mask 0) before.

@@ -20,6 +20,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   patch         bytes on the wire for a map of which 2 % have changed: a patch, rsync, xdelta3, zstd (a minute; --format cog)
   kill          builds and resumes killed at random moments
   area          20 km² at zoom 19: built, verified in full, indexed, read tile by tile (15 minutes)
+  scale         a build shared by 1, 2, 4 and 8 shards on this machine's cores: seconds, memory, the same bytes (5 minutes)
   large         100 000 tiles, 10 GB: quick and full verification, coverage and freshness, catalogue (10 minutes, 11 GB)
   candidates    the candidate service: 100 000 tiles of two flights, in both catalogues (half an hour; --tiles N)
   localization  a flight of sixty frames over a landscape of another day
@@ -99,6 +100,7 @@ part() {
     validators)   python3 "$here/validators.py" "$@" ;;
     patch)        one_program nadir && python3 -B "$here/patch.py" "$@" ;;
     kill)         python3 "$here/kill_resume.py" "$@" ;;
+    scale)        one_program nadir && python3 -B "$here/scale.py" "$@" ;;
     navigability) one_program nadir && python3 -B "$here/navigability.py" build/bin "$@" ;;
     area)         programs && python3 "$here/area.py" "$@" ;;
     large)        programs && python3 "$here/large.py" "$@" ;;

@@ -131,5 +131,32 @@ TEST(Options, NearestWordIsCareful) {
   EXPECT_EQ(nearest_word("xyz", {"keys", "cache"}), "");
 }
 
+// As `cache build` with --plan: another way to call it.
+TEST(Options, AnAlternativeNeedsNothingElseAndAllowsNothingElse) {
+  const auto complaint_of = [](const std::vector<std::string>& args) -> std::string {
+    std::string mission, out, plan, shard;
+    Options options("nadir t");
+    options.value("--mission", mission, "FILE", "mission").required();
+    options.value("--out", out, "FOLDER", "output").required();
+    options.value("--plan", plan, "PLAN", "plan").needs("--shard");
+    options.value("--shard", shard, "I/N", "shard").needs("--plan");
+    options.alternative("--plan", {"--shard", "--out"});
+    try {
+      options.parse(args);
+    } catch (const UsageError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_EQ(complaint_of({"--mission", "m", "--out", "o"}), "");
+  EXPECT_EQ(complaint_of({"--plan", "p", "--shard", "1/2"}), "");
+  EXPECT_EQ(complaint_of({"--plan=p", "--shard", "1/2", "--out", "o"}), "");
+  EXPECT_THAT(complaint_of({"--out", "o"}), testing::HasSubstr("--mission FILE is required"));
+  EXPECT_THAT(complaint_of({"--plan", "p", "--shard", "1/2", "--mission", "m"}),
+              testing::HasSubstr("--mission cannot be given with --plan"));
+  EXPECT_THAT(complaint_of({"--plan", "p"}), testing::HasSubstr("--shard"));
+  EXPECT_THAT(complaint_of({"--mission", "m", "--out", "o", "--shard", "1/2"}), testing::HasSubstr("--plan"));
+}
+
 }  // namespace
 }  // namespace nadir

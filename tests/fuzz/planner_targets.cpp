@@ -10,7 +10,8 @@
 #include "imagery/terrain_raster.hpp"
 #include "mission_formats/mavlink_plans.hpp"
 #include "mission_formats/mission_drawing.hpp"
-
+#include "package_build/metatile.hpp"
+#include "package_build/shard_plan.hpp"
 #include "raster/gdal_drivers.hpp"
 #include "raster/imagery_input.hpp"
 #include "replay/flight_folder.hpp"
@@ -36,6 +37,46 @@ void drawing(std::string_view name, std::string_view bytes) {
 }
 
 }  // namespace
+
+// What is accepted is written as the same bytes, once it has been written at all.
+void shard_plan(std::string_view bytes) {
+  static constexpr std::string_view kMission = R"(schema: nadir.mission/1
+id: fuzz
+series: fuzz
+sequence: 1
+created: 2024-10-30T00:00:00Z
+expires: 2024-11-30T00:00:00Z
+takeoff: {lon_deg: 8.5, lat_deg: 47.4}
+terrain: {mode: flat}
+zoom: {min: 16, max: 18}
+min_resolution_m: 1.0
+budget_mb: 50
+freshness_days: {stable: 730, active: 400}
+airframes: [any]
+route: {corridor_half_width_m: 40, agl_m: 100, points: [[8.4990, 47.4000], [8.5010, 47.4000]]}
+)";
+  refusing([&] {
+    const std::string once = shard_plan_json(parse_shard_plan(bytes, kMission, "plan.json"));
+    const ShardPlan plan = parse_shard_plan(once, kMission, "plan.json");
+    require(shard_plan_json(plan) == once, "a plan changes when it is written");
+    std::size_t next = 0;
+    for (const MetatileSpan& part : plan.shards) {
+      require(part.first == next && part.last >= part.first, "shards with gaps");
+      next = part.last;
+    }
+  });
+}
+
+void metatile(std::string_view bytes) {
+  Bytes record(bytes.begin(), bytes.end());
+  for (const int channels : {3, 1}) {  // colours, mask
+    const auto size = static_cast<std::uint64_t>(kTilePixels * channels);
+    for (int shift = 56; shift >= 0; shift -= 8) record.push_back(static_cast<std::uint8_t>(size >> shift));
+    record.resize(record.size() + size, 7);
+  }
+  const std::optional<Metatile> metatile = parse_metatile(record);
+  require(!metatile || serialize_metatile(*metatile) == record, "a metatile changes when it is written");
+}
 
 // Whatever a VRT names, also itself, and however deeply: it is read to its end or refused.
 void vrt(std::string_view bytes) {

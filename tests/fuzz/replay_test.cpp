@@ -47,6 +47,8 @@ const std::vector<Target>& targets() {
                                        {"telemetry", fuzz::telemetry},
                                        {"poses", fuzz::poses},
                                        {"picture", fuzz::picture},
+                                       {"shard_plan", fuzz::shard_plan},
+                                       {"metatile", fuzz::metatile},
                                        {"mbtiles", fuzz::mbtiles},
                                        {"tile_rows", fuzz::tile_rows},
                                        {"cog", fuzz::cog},

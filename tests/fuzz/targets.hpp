@@ -36,6 +36,9 @@ void vectors(std::string_view bytes);  // roads, water, woods and buildings of a
 void vrt(std::string_view bytes);      // and what it names, before GDAL sees it
 void picture(std::string_view bytes);  // JPEG, PNG, WebP, TIFF
 
+void shard_plan(std::string_view bytes);  // of a build by several machines: plan.json, for the target's mission
+void metatile(std::string_view bytes);    // of a shard: a record without its pixels, which the target adds
+
 void mbtiles(std::string_view bytes);    // a file's bytes
 void tile_rows(std::string_view bytes);  // rows of a sound SQLite file, in any types
 void cog(std::string_view bytes);

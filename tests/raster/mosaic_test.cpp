@@ -5,6 +5,7 @@
 #include <opencv2/core.hpp>
 
 #include "base/error.hpp"
+#include "raster/raster_source.hpp"
 #include "raster/test_raster.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
@@ -40,11 +41,11 @@ class Mosaic : public testing::Test {
 
   // The square of tiles, the given part of it.
   Result composed(const std::vector<fs::path>& paths, double feather_px, cv::Rect part = {0, 0, kSide, kSide}) {
-    std::vector<RasterSource> sources;
-    for (const fs::path& path : paths) sources.emplace_back(path);
+    std::vector<ImageryInput> inputs;
+    for (const fs::path& path : paths) inputs.push_back({path, {}, RasterSource(path).outline()});
     Result result;
     const cv::Point corner(static_cast<int>(kColumn) * kTileSize, static_cast<int>(kRow) * kTileSize);
-    compose_layers(kZoom, part + corner, part.tl(), feather_px, layers_of(sources), result.image, result.used);
+    compose_layers(kZoom, part + corner, part.tl(), feather_px, layers_of(inputs), result.image, result.used);
     return result;
   }
 
@@ -73,6 +74,32 @@ TEST_F(Mosaic, FeatheredSeamsFadeLinearly) {
   EXPECT_GT(result.used.at(2, 3).at(0), result.used.at(2, 3).at(1));
   EXPECT_NEAR(static_cast<double>(result.used.at(2, 3).at(0)), (kEdge - 512 - kFeather / 2) * kTileSize, 600);
   EXPECT_EQ(result.used.at(4, 3).count(0), 0U);
+}
+
+// As an area of many files: a hundred strips, more than may be open at once, read from both ends and through the seams.
+TEST_F(Mosaic, ManyRastersAreOpenedWhereTheyLie) {
+  constexpr int kStrip = 20;
+  std::vector<fs::path> strips;
+  for (int i = 0; i < 100; ++i) {
+    strips.push_back(write("strip" + std::to_string(i) + ".tif", i * kStrip, kStrip,
+                           {2 * i + 20, 200 - i, i % 2 == 0 ? 40 : 90, 255}));
+  }
+  const Result whole = composed(strips, 0);
+  EXPECT_EQ(cv::countNonZero(whole.image.mask), 100 * kStrip * kSide);
+  for (const int i : {0, 1, 50, 99}) {
+    EXPECT_EQ(whole.image.bgr.at<cv::Vec3b>(1000, i * kStrip + kStrip / 2)[2], 2 * i + 20) << i;
+    const int tile = (i * kStrip + kStrip / 2) / kTileSize;
+    EXPECT_TRUE(whole.used.at(tile, 3).contains(static_cast<std::size_t>(i))) << i;
+  }
+  // A strip far away is not even opened: it may be missing.
+  fs::remove(strips[99]);
+  std::vector<ImageryInput> inputs;
+  for (const fs::path& path : {strips[0], strips[98]}) inputs.push_back({path, {}, RasterSource(path).outline()});
+  inputs.push_back({strips[99], {}, {{1e6, 1e6}, {1.001e6, 1e6}, {1.001e6, 1.001e6}}});
+  Result part;
+  const cv::Point corner(static_cast<int>(kColumn) * kTileSize, static_cast<int>(kRow) * kTileSize);
+  compose_layers(kZoom, cv::Rect(corner, cv::Size(kSide, kSide)), {0, 0}, 0, layers_of(inputs), part.image, part.used);
+  EXPECT_EQ(cv::countNonZero(part.image.mask), 2 * kStrip * kSide);
 }
 
 TEST_F(Mosaic, HardSeamsDoNotFade) {

@@ -28,6 +28,8 @@ std::unique_ptr<Command> make_mission_export();
 std::unique_ptr<Command> make_mission_plan();
 std::unique_ptr<Command> make_mission_predict();
 std::unique_ptr<Command> make_cache_build();
+std::unique_ptr<Command> make_cache_plan_shards();
+std::unique_ptr<Command> make_cache_merge();
 std::unique_ptr<Command> make_cache_update();
 std::unique_ptr<Command> make_cache_sign();
 std::unique_ptr<Command> make_cache_index();

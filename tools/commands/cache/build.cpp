@@ -1,6 +1,7 @@
-// `nadir cache build`: mission, imagery and elevation model to a signed package.
+// `nadir cache build`: mission, imagery and elevation model to a signed package; or one shard of such a build.
 #include <fmt/format.h>
 
+#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -13,10 +14,10 @@
 #include "cli/nadir_version.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "commands/cache/imagery_options.hpp"
+#include "commands/cache/build_options.hpp"
 #include "commands/cache/package_signer.hpp"
 #include "commands/commands.hpp"
-#include "package_build/package_builder.hpp"
+#include "package_build/build_shards.hpp"
 #include "token_keys/token_key.hpp"
 
 namespace nadir {
@@ -35,21 +36,16 @@ class CacheBuildCommand final : public Command {
   int run(Context& context) override;
 
  private:
-  std::filesystem::path mission_;
-  std::vector<std::filesystem::path> imagery_;
-  std::vector<std::string> stretches_;
-  std::optional<std::filesystem::path> dem_;
-  std::string format_ = "mbtiles";
-  std::string tile_format_ = "jpeg";
-  int quality_ = 75;
-  VectorOptions vectors_;
-  ImageryOptions imagery_options_{"priority"};
+  int run_shard(Context& context);
+
+  BuildOptions build_options_;
   std::optional<std::filesystem::path> key_;
   std::vector<std::filesystem::path> roots_;
   std::optional<std::filesystem::path> trust_;
-  std::optional<UtcTime> at_;
   std::filesystem::path out_;
   bool resume_ = false;
+  std::optional<std::filesystem::path> plan_;
+  std::string shard_;
 };
 
 std::string_view CacheBuildCommand::details() const {
@@ -76,7 +72,12 @@ predecessor learns of new and revoked keys; each must be signed by its predecess
 by the root that --trust names.
 
 The same inputs and the same key give the same bytes, whatever the number of threads. A build that
-was killed, or ran out of disk space, continues with --resume and gives the same bytes as well.)";
+was killed, or ran out of disk space, continues with --resume and gives the same bytes as well.
+
+With --plan and --shard it builds one part of a build that several machines share, and nothing of a
+package yet: `cache plan-shards` makes the plan, `cache merge` the package. It needs no --mission,
+no --imagery and no --out then. A shard that was killed is run again and continues; one that is
+complete is only checked.)";
 }
 
 std::string_view CacheBuildCommand::examples() const {
@@ -84,61 +85,82 @@ std::string_view CacheBuildCommand::examples() const {
 nadir cache build --mission mission.yaml --imagery map.tif --dem dem.tif --key planner.key.pem --out package
 nadir cache build --mission mission.yaml --imagery map.tif --vectors region.osm.pbf --key planner.key.pem --out package
 nadir cache build --mission mission.yaml --imagery new.tif --imagery old.tif --tile-format webp --out package
-nadir cache build --mission mission.yaml --imagery map.tif --captured 2024-03-01 --gsd-m 0.3 --ce90-m 5 --provider survey --out package)";
+nadir cache build --mission mission.yaml --imagery map.tif --captured 2024-03-01 --gsd-m 0.3 --ce90-m 5 --provider survey --out package
+nadir cache build --plan plan --shard 3/8
+nadir cache build --plan plan --shard auto --threads 4)";
 }
 
 void CacheBuildCommand::setup(Options& options) {
-  options.value("--mission", mission_, "MISSION.yaml", "mission that the map is for").required();
-  options.values("--imagery", imagery_, "FILE", "georeferenced rasters that GDAL reads; the first lies on top")
-      .required();
-  options.values("--stretch", stretches_, "MIN,MAX",
-                 "values of 16-bit or float imagery that become black and white, or percentile:LOW,HIGH; one for all, "
-                 "or one for each --imagery (none for an 8-bit one)");
-  options.value("--dem", dem_, "FILE", "elevation model in metres that GDAL reads; for terrain: {mode: dem}");
-  vectors_.setup(options, "without it the package has none");
-  options.value("--format", format_, "FORMAT", "tile container").one_of({"mbtiles", "cog"});
-  options.value("--tile-format", tile_format_, "FORMAT", "encoding of the tiles").one_of({"jpeg", "webp", "png"});
-  options.value("--quality", quality_, "N", "quality of JPEG and WebP tiles").between(1, 100);
-  imagery_options_.setup(options);
+  build_options_.setup(options);
   options.value("--key", key_, "KEY.pem", "private key that signs the package; without it the package is unsigned");
   options.values("--carry-root", roots_, "N.root.json", "newer root of trust to add to the package");
   options.value(
       "--trust", trust_, "ROOT.json",
       "root that the aircraft hold: the key must be one of its package signers, and added roots follow from it");
-  options.value(
-      "--at", at_, "TIME",
-      "evaluate ages, and whether the mission has expired, as of this time; default: ages as of its `created`");
   options.value("--out", out_, "PACKAGE", "package folder to create; must not exist").required();
   options.flag("--resume", resume_, "resume a build that was killed, with the same inputs and options");
+  options.value("--plan", plan_, "PLAN", "instead of all the above: build one shard of this plan (cache plan-shards)")
+      .needs("--shard");
+  options
+      .value("--shard", shard_, "I/N",
+             "which shard of the plan: 3/8, or auto in an array of Slurm, Kubernetes or AWS Batch; --out is then the "
+             "folder that its folder is made in, the plan's by default")
+      .needs("--plan");
+  options.alternative("--plan", {"--shard", "--out", "--threads", "--json", "--quiet"});
+}
+
+// One shard: what the plan says, and nothing of the options above.
+int CacheBuildCommand::run_shard(Context& context) {
+  ShardRequest request;
+  request.plan = *plan_;
+  request.shard = shard_;
+  request.out = out_;
+  request.threads = build_options_.threads();
+  request.program = kVersion;
+  request.variable = [](const char* name) {
+    const char* text = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): before any thread
+    return text == nullptr ? std::nullopt : std::optional<std::string>(text);
+  };
+  if (!context.quiet)
+    request.on_remark = [&context](std::string_view remark) { context.err << printable(remark) << '\n'; };
+  const ShardReport report = build_shard(request, context.progress);
+  if (report.findings.has_errors()) {
+    if (!context.quiet) context.err << "rejected: nothing was written\n";
+    return report_findings(context.out, context.json, report.findings);
+  }
+  if (context.json) {
+    return report_findings(context.out, true, report.findings,
+                           {{"shard", report.shard},
+                            {"shards", report.shards},
+                            {"folder", report.folder.string()},
+                            {"was_there", report.was_there},
+                            {"metatiles", report.metatiles},
+                            {"tiles", report.tiles},
+                            {"resumed_tiles", report.resumed},
+                            {"bytes", report.bytes}});
+  }
+  print_figures(
+      context.out,
+      {{"shard", fmt::format("{} of {}{}", report.shard, report.shards, report.was_there ? ", complete already" : "")},
+       {"folder", report.folder.string()},
+       {"tiles", fmt::format("{} in {} metatiles", report.tiles, report.metatiles)},
+       {"size", fmt::format("{:.1f} MB", static_cast<double>(report.bytes) / 1e6)}});
+  return kAccepted;
 }
 
 int CacheBuildCommand::run(Context& context) {
+  if (plan_) return run_shard(context);
   std::optional<PrivateKey> key;
   if (key_) key = read_signing_key(*key_);
-  PackageRequest request;
-  request.mission = mission_;
-  request.imagery = imagery_;
-  request.overrides = imagery_options_.overrides();
-  for (const std::string& text : stretches_) request.stretches.push_back(parse_stretch(text));
-  request.dem = dem_;
-  request.vectors = vectors_.request();
-  request.tiles.encoding = {parse_image_format(tile_format_).value_or(ImageFormat::jpeg), quality_};
-  if (format_ == "cog") {
-    request.tiles.container = TileSetKind::cog;
-    // TIFF knows no PNG: the tiles are as lossless as WebP.
-    if (tile_format_ == "png") request.tiles.encoding = {ImageFormat::webp, quality_, true};
-  }
-  request.tiles.threads = imagery_options_.threads();
-  request.tiles.mosaic = imagery_options_.mosaic();
+  PackageRequest request = build_options_.request();
   request.key = key ? &*key : nullptr;
   std::optional<TrustRoot> installed;
   if (trust_) installed = read_trusted_root(*trust_);
   if (key) require_package_signer(*key, installed, roots_, context);
-  request.roots = read_root_chain(roots_, evaluation_time(at_, context.clock), {}, installed ? &*installed : nullptr);
-  request.at = at_;
-  if (!at_) request.now = context.clock.now();
+  request.roots =
+      read_root_chain(roots_, evaluation_time(request.at, context.clock), {}, installed ? &*installed : nullptr);
+  if (!request.at) request.now = context.clock.now();
   request.out = out_;
-  request.program = kVersion;
   request.resume = resume_;
   if (!context.quiet)
     request.on_remark = [&context](std::string_view remark) { context.err << printable(remark) << '\n'; };
@@ -148,30 +170,7 @@ int CacheBuildCommand::run(Context& context) {
     if (!context.quiet) context.err << "rejected: nothing was written\n";
     return report_findings(context.out, context.json, report.findings);
   }
-  if (context.json) {
-    nlohmann::json more = {{"package", out_.string()},        {"tiles", report.tiles},
-                           {"resumed_tiles", report.resumed}, {"bytes", report.bytes},
-                           {"min_zoom", report.zoom.min},     {"max_zoom", report.zoom.max},
-                           {"signed", key.has_value()},       {"merkle_root", report.merkle_root.hex()}};
-    if (report.vectors) more["vectors"] = json_of(*report.vectors);
-    if (report.terrain) more["terrain"] = {{"columns", report.terrain->columns}, {"rows", report.terrain->rows}};
-    return report_findings(context.out, true, report.findings, more);
-  }
-  if (!report.findings.empty()) print_findings(context.out, report.findings);
-  print_figures(
-      context.out,
-      {{"package", out_.string()},
-       {"tiles", fmt::format("{} (zoom {} to {})", report.tiles, report.zoom.min, report.zoom.max)},
-       {"terrain", report.terrain ? fmt::format("{} x {} heights", report.terrain->columns, report.terrain->rows)
-                                  : std::string("flat")},
-       {"vectors", report.vectors ? text_of(*report.vectors) : std::string("none")},
-       {"size", fmt::format("{:.1f} MB", static_cast<double>(report.bytes) / 1e6)},
-       {"merkle root", report.merkle_root.hex()},
-       {"signed by", key ? key->public_key().id() : "unsigned"}});
-  if (!key && !context.quiet) {
-    context.err << "The package is not signed. Aircraft accept only signed packages: nadir cache sign PACKAGE "
-                   "--key KEY.pem\n";
-  }
+  print_package(context, out_, report, key ? &*key : nullptr);
   return kAccepted;
 }
 

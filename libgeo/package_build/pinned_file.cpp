@@ -1,0 +1,68 @@
+#include "package_build/pinned_file.hpp"
+
+#include <fmt/format.h>
+#include <sys/stat.h>
+
+#include <cerrno>
+#include <system_error>
+
+#include "base/error.hpp"
+#include "raster/gdal_dataset.hpp"
+
+namespace nadir {
+namespace {
+
+struct FileState {
+  std::uint64_t bytes = 0;
+  std::int64_t modified_ns = 0;
+};
+
+FileState state_of(const std::filesystem::path& path) {
+  struct stat info {};
+  if (::stat(path.c_str(), &info) != 0) {
+    throw Error({.what = "an input cannot be read",
+                 .where = path.string(),
+                 .found = std::system_category().message(errno),
+                 .fix = "every machine must reach the inputs under the same path"});
+  }
+  constexpr std::int64_t kNsPerS = 1'000'000'000;
+  return {static_cast<std::uint64_t>(info.st_size), info.st_mtim.tv_sec * kNsPerS + info.st_mtim.tv_nsec};
+}
+
+}  // namespace
+
+PinnedFile pin_file(const std::filesystem::path& path) {
+  const FileState state = state_of(path);
+  return {std::filesystem::absolute(path), state.bytes, state.modified_ns, sha256_file(path)};
+}
+
+std::vector<PinnedFile> pin_raster(const std::filesystem::path& raster) {
+  std::vector<PinnedFile> files;
+  for (const std::filesystem::path& file : files_of_raster(raster)) files.push_back(pin_file(file));
+  return files;
+}
+
+Sha256 digest_of(std::span<const PinnedFile> files) {
+  Sha256Stream all;
+  for (const PinnedFile& file : files) all.update(ByteView(file.sha256.bytes));
+  return all.finish();
+}
+
+void require_unchanged(std::span<const PinnedFile> files, const std::string& since) {
+  for (const PinnedFile& file : files) {
+    const auto refuse = [&](std::string expected, std::string found) {
+      throw UsageError({.what = "an input has changed since " + since,
+                        .where = file.path.string(),
+                        .expected = std::move(expected),
+                        .found = std::move(found),
+                        .fix = "restore the file, or make a new plan"});
+    };
+    const FileState now = state_of(file.path);
+    if (now.bytes != file.bytes) refuse(fmt::format("{} bytes", file.bytes), fmt::format("{} bytes", now.bytes));
+    if (now.modified_ns == file.modified_ns) continue;
+    const Sha256 digest = sha256_file(file.path);
+    if (digest != file.sha256) refuse("sha256 " + file.sha256.hex(), "sha256 " + digest.hex());
+  }
+}
+
+}  // namespace nadir

@@ -1,0 +1,36 @@
+// Files that a result was promised from: what a resumed build, or a shard on another machine, must find unchanged.
+//
+// A pin is the file's path, size, time of change and SHA-256. As rsync and make do, the check looks at size and time
+// first: when both are those of the pin, the file counts as unchanged and is not read. A file with another time (a
+// copy) is hashed; so a shard reads no more of its imagery than it needs where all machines see one file system.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/digest.hpp"
+
+namespace nadir {
+
+struct PinnedFile {
+  std::filesystem::path path;
+  std::uint64_t bytes = 0;
+  std::int64_t modified_ns = 0;  // since 1970
+  Sha256 sha256;
+};
+
+PinnedFile pin_file(const std::filesystem::path& path);  // reads all of it. Throws Error
+
+// Every file that the raster is read from: itself, its masks and overviews, the sources of a VRT.
+std::vector<PinnedFile> pin_raster(const std::filesystem::path& raster);
+
+// One digest for a raster: over those of its files, in this order.
+Sha256 digest_of(std::span<const PinnedFile> files);
+
+// Throws UsageError when one of them is missing or another. since: "the plan was made", for the message.
+void require_unchanged(std::span<const PinnedFile> files, const std::string& since);
+
+}  // namespace nadir

@@ -1,0 +1,122 @@
+#!/usr/bin/env python3
+"""A build shared by 1, 2, 4 and 8 shards on the cores of this machine, one thread each: wall and CPU seconds, efficiency,
+the largest shard's memory, and whether the merged package has the bytes of the one that one process builds. Then the rates
+that docs/scale.md reckons with.
+
+  tests/bench/scale.py [--size-km 4] [--shards 1 2 4 8] [--tries 2]
+  tests/bench/scale.py --mission mission.yaml --imagery map.tif [-- --dem dem.tif --captured 2024-06-01 ...]
+
+Efficiency is the wall seconds of one process with one thread for the same tiles, divided by the wall seconds of the shards
+and the cores that they had. The merge is listed beside it: it is the part that does not get faster."""
+import argparse
+import concurrent.futures
+import filecmp
+import math
+import os
+import pathlib
+import shutil
+import sqlite3
+import tempfile
+import time
+
+from measured import AT, BUILD, make_keys, make_world, must
+
+
+def same(a, b):
+    files = [sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file()) for folder in (a, b)]
+    return files[0] == files[1] and all(filecmp.cmp(a / f, b / f, shallow=False) for f in files[0])
+
+
+def size_of(folder):
+    return sum(f.stat().st_size for f in folder.rglob("*") if f.is_file())
+
+
+def square_km(package):
+    """Of the tiles of the finest zoom, on the ground; and their number."""
+    with sqlite3.connect(f"file:{package / 'imagery/base.mbtiles'}?mode=ro&immutable=1", uri=True) as database:
+        zoom, count, row = database.execute("SELECT zoom_level, count(*), avg(tile_row) FROM tiles WHERE zoom_level = "
+                                            "(SELECT max(zoom_level) FROM tiles) GROUP BY 1").fetchone()
+    north = math.pi * (2 * (row + 0.5) / 2**zoom - 1)
+    side_km = 40075.017 / 2**zoom * math.cos(2 * math.atan(math.exp(north)) - math.pi / 2)
+    return count * side_km**2, count
+
+
+class Bench:
+    def __init__(self, options, work, inputs):
+        self.nadir, self.work, self.inputs, self.options = options.nadir, work, inputs, options
+        self.sign = ["--key", work / "signer.key.pem", "--quiet"]
+        self.whole = work / "whole"
+
+    def one_process(self):
+        """The least wall and CPU seconds, and the memory, of a build with one thread."""
+        taken = []
+        for _ in range(self.options.tries):
+            shutil.rmtree(self.whole, ignore_errors=True)
+            taken.append(must([self.nadir, "cache", "build", *self.inputs, *self.sign, "--threads", 1, "--out", self.whole]))
+        return min(t.wall_s for t in taken), min(t.cpu_s for t in taken), max(t.peak_mb for t in taken)
+
+    def shards(self, count, cores):
+        plan, merged = self.work / f"plan-{count}", self.work / "merged"
+        planned = must([self.nadir, "cache", "plan-shards", *self.inputs, "--shards", count, "--out", plan, "--quiet"])
+        best = None
+        for _ in range(self.options.tries):
+            for folder in plan.glob("shard-*"):
+                shutil.rmtree(folder)
+            begun = time.monotonic()
+            with concurrent.futures.ThreadPoolExecutor(cores) as workers:
+                taken = list(workers.map(lambda i: must([self.nadir, "cache", "build", "--plan", plan, "--shard",
+                                                         f"{i}/{count}", "--threads", 1, "--quiet"]), range(1, count + 1)))
+            wall_s = time.monotonic() - begun
+            if best is None or wall_s < best[0]:
+                best = wall_s, sum(t.cpu_s for t in taken), max(t.peak_mb for t in taken)
+        handed_on = size_of(plan)
+        shutil.rmtree(merged, ignore_errors=True)
+        merge = must([self.nadir, "cache", "merge", "--plan", plan, *self.sign, "--out", merged])
+        identical = same(self.whole, merged)
+        shutil.rmtree(plan)
+        return planned, best, merge, identical, handed_on
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--nadir", type=pathlib.Path, default=BUILD / "nadir")
+    parser.add_argument("--size-km", type=float, default=4, help="of the simulated world")
+    parser.add_argument("--shards", type=int, nargs="+", default=[1, 2, 4, 8])
+    parser.add_argument("--tries", type=int, default=2)
+    parser.add_argument("--mission", type=pathlib.Path)
+    parser.add_argument("--imagery", type=pathlib.Path, nargs="+")
+    parser.add_argument("more", nargs="*", help="further options of cache build")
+    options = parser.parse_args()
+    cores = len(os.sched_getaffinity(0))
+    with tempfile.TemporaryDirectory(prefix="nadir-bench.") as folder:
+        work = pathlib.Path(folder)
+        make_keys(options.nadir, work)
+        if options.mission:
+            inputs = ["--mission", options.mission, "--imagery", *options.imagery, *options.more]
+        else:
+            make_world(options.nadir, work / "world", options.size_km)
+            inputs = ["--mission", work / "world/mission.yaml", "--imagery", work / "world/map.tif", "--dem",
+                      work / "world/dem.tif", "--at", AT]
+        bench = Bench(options, work, inputs)
+        wall_s, cpu_s, peak_mb = bench.one_process()
+        area, tiles = square_km(bench.whole)
+        print(f"{area:.1f} km² in {tiles} tiles of the finest zoom, {cores} cores, one thread a process\n")
+        print("| processes at a time | shards | wall s | CPU s | efficiency | peak MB | merge wall s, CPU s, MB | bytes |")
+        print("|---|---|---|---|---|---|---|---|")
+        print(f"| 1 | cache build | {wall_s:.1f} | {cpu_s:.1f} | 1 | {peak_mb:.0f} | | |", flush=True)
+        wrong = 0
+        for count in options.shards:
+            used = min(count, cores)
+            planned, best, merge, identical, handed_on = bench.shards(count, cores)
+            wrong += not identical
+            print(f"| {used} | {count} | {best[0]:.1f} | {best[1]:.1f} | {wall_s / best[0] / used:.2f} | {best[2]:.0f} | "
+                  f"{merge.wall_s:.1f}, {merge.cpu_s:.1f}, {merge.peak_mb:.0f} | "
+                  f"{'identical' if identical else 'DIFFERENT'} |", flush=True)
+        size = size_of(bench.whole)
+        print(f"\nper km²: {best[1] / area:.2f} CPU s to make tiles, {merge.cpu_s / area:.3f} to merge; {size / area / 1e6:.2f} MB "
+              f"of package, {handed_on / area / 1e6:.2f} MB of shards; planning {planned.cpu_s:.1f} CPU s in all")
+        return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,54 @@
+// Builds a shard, or merges the shards of a plan, in a process of its own and kills itself at a given moment: at its
+// Nth word about its progress.
+//
+// Usage: killed_shard PLAN I/N THREADS EVENT
+//        killed_shard PLAN merge KEY.pem OUT EVENT
+// EVENT 0: never; the number of events is printed. Exit codes: 0 built; 1 rejected; 2 error, its text on stderr; else
+// the signal.
+#include <fmt/format.h>
+
+#include <cstdio>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "base/error.hpp"
+#include "package_build/build_shards.hpp"
+#include "package_build/die_at.hpp"
+
+namespace {
+
+int work(std::span<char*> args) {
+  nadir::test::DieAt progress(std::stoi(args.back()));
+  bool rejected = false;
+  if (args[2] == std::string_view("merge")) {
+    const nadir::PrivateKey key = nadir::PrivateKey::read(args[3]);
+    nadir::MergeRequest request;
+    request.plan = args[1];
+    request.key = &key;
+    request.out = args[4];
+    request.program = "test";
+    rejected = nadir::merge_shards(request, progress).findings.has_errors();
+  } else {
+    nadir::ShardRequest request;
+    request.plan = args[1];
+    request.shard = args[2];
+    request.threads = std::stoi(args[3]);
+    request.program = "test";
+    rejected = nadir::build_shard(request, progress).findings.has_errors();
+  }
+  fmt::print("{}\n", progress.seen());
+  return rejected ? 1 : 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 5) return 64;
+  try {
+    return work({argv, static_cast<std::size_t>(argc)});
+  } catch (const nadir::Error& error) {
+    fmt::print(stderr, "{}\n", error.what());
+    return 2;
+  }
+}

@@ -1,0 +1,98 @@
+// `nadir cache merge`: the shards of a build to a signed package.
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <optional>
+#include <ostream>
+#include <vector>
+
+#include "cli/command.hpp"
+#include "cli/nadir_version.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "commands/cache/build_options.hpp"
+#include "commands/cache/package_signer.hpp"
+#include "commands/commands.hpp"
+#include "package_build/build_shards.hpp"
+#include "token_keys/token_key.hpp"
+
+namespace nadir {
+namespace {
+
+class CacheMergeCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "merge"; }
+  std::string_view summary() const override { return "make a signed package of the shards of a build"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path plan_;
+  std::vector<std::filesystem::path> folders_;
+  std::optional<std::filesystem::path> key_;
+  std::vector<std::filesystem::path> roots_;
+  std::optional<std::filesystem::path> trust_;
+  std::filesystem::path out_;
+};
+
+std::string_view CacheMergeCommand::details() const {
+  return R"(Takes every shard of a plan (`cache plan-shards`, `cache build --shard`), makes the overviews
+above them, cuts terrain and vectors, checks the package as `cache build` does, and signs it. The
+package is the same, byte for byte, as one machine would build from the same inputs, whatever the
+number of shards.
+
+A shard that is missing, there twice, damaged or of another plan ends it with exit code 2 before
+anything is written under the final name. The shards are not changed. A merge that was killed or
+ran out of disk space leaves no package; run it again.)";
+}
+
+std::string_view CacheMergeCommand::examples() const {
+  return R"(nadir cache merge --plan plan --key planner.key.pem --trust root.json --out package
+nadir cache merge --plan plan --shards /data/node1 --shards /data/node2 --key planner.key.pem --out package)";
+}
+
+void CacheMergeCommand::setup(Options& options) {
+  options.value("--plan", plan_, "PLAN", "folder of the plan").required();
+  options.values("--shards", folders_, "FOLDER", "folders that the shards' folders lie in; default: the plan's");
+  options.value("--key", key_, "KEY.pem", "private key that signs the package; without it the package is unsigned");
+  options.values("--carry-root", roots_, "N.root.json", "newer root of trust to add to the package");
+  options.value(
+      "--trust", trust_, "ROOT.json",
+      "root that the aircraft hold: the key must be one of its package signers, and added roots follow from it");
+  options.value("--out", out_, "PACKAGE", "package folder to create; must not exist").required();
+}
+
+int CacheMergeCommand::run(Context& context) {
+  std::optional<PrivateKey> key;
+  if (key_) key = read_signing_key(*key_);
+  MergeRequest request;
+  request.plan = plan_;
+  request.folders = folders_;
+  request.key = key ? &*key : nullptr;
+  request.program = kVersion;
+  std::optional<TrustRoot> installed;
+  if (trust_) installed = read_trusted_root(*trust_);
+  if (key) require_package_signer(*key, installed, roots_, context);
+  const std::optional<UtcTime> at = read_shard_plan(plan_, kVersion).at;
+  request.roots = read_root_chain(roots_, evaluation_time(at, context.clock), {}, installed ? &*installed : nullptr);
+  if (!at) request.now = context.clock.now();
+  request.out = out_;
+  const PackageReport report = merge_shards(request, context.progress);
+  if (report.findings.has_errors()) {
+    if (!context.quiet) context.err << "rejected: nothing was written\n";
+    return report_findings(context.out, context.json, report.findings);
+  }
+  print_package(context, out_, report, request.key);
+  return kAccepted;
+}
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_merge() { return std::make_unique<CacheMergeCommand>(); }
+
+}  // namespace nadir
