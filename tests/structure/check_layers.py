@@ -70,7 +70,7 @@ ONLY_IN = [
     (re.compile(r"^curl/"), {"upload"}),
     (re.compile(r"^CLI/"), {"cli"}),
     (re.compile(r"^faiss/"), {"vision"}),
-    (re.compile(r"^ceres/"), {"adjustment"}),
+    (re.compile(r"^ceres/"), {"adjustment", "provision"}),
     (re.compile(r"^exiv2/"), {"flight_import"}),
 ]
 TYPE = re.compile(r"^(?:struct|class|enum class) (\w+)(?: final)?(?:\s*:(?!:)[^{;]*)?\s*\{", re.MULTILINE)
