@@ -226,8 +226,10 @@ Figures table_of(const PlacementFigures& figures) {
                                    percent(figures.accepted_within[i], figures.frames)));
   }
   table.emplace_back(fmt::format("accepted, more than {:.0f} m off", kWrongAnchor_m), std::to_string(figures.wrong));
-  table.emplace_back("error of the accepted", fmt::format("median {:.1f} m, mean {:.1f} m, 95 % {:.1f} m",
-                                                          figures.median_m, figures.mean_m, figures.p95_m));
+  table.emplace_back("error of the accepted", figures.accepted == 0
+                                                  ? "none accepted"
+                                                  : fmt::format("median {:.1f} m, mean {:.1f} m, 95 % {:.1f} m",
+                                                                figures.median_m, figures.mean_m, figures.p95_m));
   table.emplace_back("error of all candidates", fmt::format("median {:.1f} m", figures.candidate_median_m));
   table.emplace_back("time of a frame",
                      fmt::format("median {:.0f} ms, mean {:.0f} ms", figures.ms_median, figures.ms_mean));
