@@ -55,6 +55,7 @@ Parse parse_csv(const std::filesystem::path& path, std::string_view text) {
     text.remove_prefix(end);
     ++parse.line;
   }
+  --parse.line;  // a row that no line break ends
   check(csv_fini(&parser, on_cell, on_row, &parse) == 0);
   return parse;
 }
@@ -102,6 +103,10 @@ std::size_t CsvTable::required_column(std::string_view name) const {
                .found = fmt::format("{}", fmt::join(header_, ", "))});
 }
 
+std::string CsvTable::where(std::size_t row, std::size_t column) const {
+  return fmt::format("{}:{}, column {}", path_.string(), line_of(row), header_[column]);
+}
+
 std::optional<double> CsvTable::number(std::size_t row, std::size_t column) const {
   std::string_view text = cell(row, column);
   while (!text.empty() && text.front() == ' ') text.remove_prefix(1);
@@ -111,7 +116,7 @@ std::optional<double> CsvTable::number(std::size_t row, std::size_t column) cons
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value)) {
     throw Error({.what = "a cell does not hold a number",
-                 .where = fmt::format("{}:{}, column {}", path_.string(), line_of(row), header_[column]),
+                 .where = where(row, column),
                  .expected = "a finite number, or nothing where the value is unknown",
                  .found = fmt::format("\"{}\"", text)});
   }
@@ -120,8 +125,7 @@ std::optional<double> CsvTable::number(std::size_t row, std::size_t column) cons
 
 double CsvTable::required_number(std::size_t row, std::size_t column) const {
   if (const auto value = number(row, column)) return *value;
-  throw Error({.what = "a cell is empty that must hold a number",
-               .where = fmt::format("{}:{}, column {}", path_.string(), line_of(row), header_[column])});
+  throw Error({.what = "a cell is empty that must hold a number", .where = where(row, column)});
 }
 
 }  // namespace nadir

@@ -24,6 +24,7 @@ class CsvTable {
 
   const std::string& cell(std::size_t row, std::size_t column) const { return rows_[row][column]; }
   std::size_t line_of(std::size_t row) const { return lines_[row]; }  // 1-based, as an editor counts
+  std::string where(std::size_t row, std::size_t column) const;       // for messages: "map.csv:3, column lat"
 
   // An empty cell is nullopt. Throws Error for text that is no number and for NaN or infinity.
   std::optional<double> number(std::size_t row, std::size_t column) const;

@@ -2,6 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <ceres/ceres.h>
+#include <ceres/normal_prior.h>
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -26,8 +29,9 @@ using Measured = Eigen::Matrix<double, 6, 1>;
 constexpr double kTelemetryMinute_s = 60;  // its errors are correlated for so long: the frames of a minute count as one
 constexpr double kMaxChi2 = 25;            // squared sigmas, six degrees of freedom: an outlier
 constexpr double kDelayPrior_s = 0.5, kObservableDelay_s = 0.05, kFixedDelay_s = 0.005;
-constexpr double kFree_rad = 1;  // no prior on the mount
-constexpr int kRounds = 15;
+constexpr double kFree_rad = 1;       // no prior on the mount
+constexpr int kRounds = 15;           // of weights; within each Ceres solves to its minimum
+constexpr double kTolerance = 1e-10;  // of the sum of squares, relative
 constexpr double kMaxMisfit = 3;
 
 Measured predicted(const BoresightMeasurement& measurement, const Unknowns& x) {
@@ -49,17 +53,16 @@ Measured residual(const BoresightMeasurement& measurement, const Unknowns& x) {
   return difference;
 }
 
-Eigen::Matrix<double, 6, kUnknowns> jacobian(const BoresightMeasurement& measurement, const Unknowns& x) {
-  constexpr double kStep = 1e-5;
-  Eigen::Matrix<double, 6, kUnknowns> slopes;
-  for (int i = 0; i < kUnknowns; ++i) {
-    Unknowns above = x, below = x;
-    above[i] += kStep;
-    below[i] -= kStep;
-    slopes.col(i) = (residual(measurement, below) - residual(measurement, above)) / (2 * kStep);
+// Whitened with the frame's information: information = rootᵀ root.
+struct FrameResidual {
+  const BoresightMeasurement& measurement;
+  Eigen::Matrix<double, 6, 6> root;
+
+  bool operator()(const double* x, double* residuals) const {
+    Eigen::Map<Measured>(residuals, 6) = root * residual(measurement, Eigen::Map<const Unknowns>(x));
+    return true;
   }
-  return slopes;
-}
+};
 
 struct Solution {
   Unknowns x;
@@ -81,48 +84,73 @@ class Solver {
     for (const BoresightMeasurement& measurement : measurements) {
       const Eigen::Matrix<double, 6, 6> single = measurement.covariance + noise;
       single_.push_back(single.inverse());
-      shared_.push_back((measurement.covariance + noise * std::max(in_a_minute, 1.0)).inverse());
+      const Eigen::Matrix<double, 6, 6> shared =
+          (measurement.covariance + noise * std::max(in_a_minute, 1.0)).inverse();
+      shared_root_.push_back(shared.llt().matrixU());
     }
   }
 
-  Solution solve(double delay_sigma_s) const {
-    Unknowns prior, sigma;
+  // Nothing when Ceres finds no solution.
+  std::optional<Solution> solve(double delay_sigma_s) const {
+    ceres::Vector prior(kUnknowns), sigma(kUnknowns);
     prior << settings_.mount.heading_rad, settings_.mount.pitch_rad, settings_.mount.roll_rad, 0, 0, 0, 0;
     sigma << kFree_rad, kFree_rad, kFree_rad, delay_sigma_s, settings_.offset_sigma_m, settings_.offset_sigma_m,
         settings_.uncertainty.agl_relative;
-    const Unknowns weight = sigma.cwiseProduct(sigma).cwiseInverse();
     Solution solution{prior, Normal::Zero()};
+    // Whether a frame is an outlier is decided by its own error alone, while it counts with that which it shares with
+    // its neighbours. No loss function knows both: weights are fixed within a round.
     for (int round = 0; round < kRounds; ++round) {
-      Normal normal = weight.asDiagonal();
-      Unknowns right = weight.cwiseProduct(prior - solution.x);
+      ceres::Problem problem;
+      double* x = solution.x.data();
+      problem.AddResidualBlock(new ceres::NormalPrior(ceres::Matrix(sigma.cwiseInverse().asDiagonal()), prior), nullptr,
+                               x);
       solution.used = 0;
       double squares = 0;
       for (std::size_t i = 0; i < measurements_.size(); ++i) {
         const Measured difference = residual(measurements_[i], solution.x);
         const double squared = difference.dot(single_[i] * difference);
         // The first rounds use all measurements with Cauchy weights, the others those inside the gate.
-        const double weight_of_frame = round < kRounds / 3  ? 1 / (1 + squared / kMaxChi2)
-                                       : squared < kMaxChi2 ? 1.0
-                                                            : 0.0;
-        if (weight_of_frame == 0) continue;
+        const double weight = round < kRounds / 3 ? 1 / (1 + squared / kMaxChi2) : squared < kMaxChi2 ? 1.0 : 0.0;
+        if (weight == 0) continue;
         ++solution.used;
         squares += squared;
-        const auto slopes = jacobian(measurements_[i], solution.x);
-        normal += weight_of_frame * slopes.transpose() * shared_[i] * slopes;
-        right += weight_of_frame * slopes.transpose() * shared_[i] * difference;
+        using Cost = ceres::NumericDiffCostFunction<FrameResidual, ceres::CENTRAL, 6, kUnknowns>;
+        const Eigen::Matrix<double, 6, 6> root = std::sqrt(weight) * shared_root_[i];
+        problem.AddResidualBlock(new Cost(new FrameResidual{measurements_[i], root}), nullptr, x);
       }
-      solution.covariance = normal.inverse();
-      solution.x += solution.covariance * right;
       solution.misfit = solution.used == 0 ? 0 : squares / static_cast<double>(6 * solution.used);
+      if (!fit(problem)) return std::nullopt;
+      if (round + 1 < kRounds) continue;
+      ceres::Covariance::Options options;
+      options.num_threads = 1;
+      ceres::Covariance covariance(options);
+      const double* const blocks[] = {x};
+      if (!covariance.Compute(std::vector<const double*>(std::begin(blocks), std::end(blocks)), &problem)) {
+        return std::nullopt;
+      }
+      Eigen::Matrix<double, kUnknowns, kUnknowns, Eigen::RowMajor> of_unknowns;
+      covariance.GetCovarianceBlock(x, x, of_unknowns.data());
+      solution.covariance = of_unknowns;
     }
     return solution;
   }
 
  private:
+  static bool fit(ceres::Problem& problem) {
+    ceres::Solver::Options options;
+    options.linear_solver_type = ceres::DENSE_QR;
+    options.num_threads = 1;
+    options.function_tolerance = kTolerance;
+    options.logging_type = ceres::SILENT;
+    ceres::Solver::Summary summary;
+    ceres::Solve(options, &problem, &summary);
+    return summary.IsSolutionUsable();
+  }
+
   const std::vector<BoresightMeasurement>& measurements_;
   const BoresightSettings& settings_;
-  std::vector<Eigen::Matrix<double, 6, 6>> single_;  // information of one frame alone …
-  std::vector<Eigen::Matrix<double, 6, 6>> shared_;  // … and as one of many with a common error
+  std::vector<Eigen::Matrix<double, 6, 6>> single_;       // information of one frame alone …
+  std::vector<Eigen::Matrix<double, 6, 6>> shared_root_;  // … and the root of that as one of many with a common error
 };
 
 }  // namespace
@@ -131,12 +159,14 @@ std::optional<Boresight> solve_boresight(const std::vector<BoresightMeasurement>
                                          const BoresightSettings& settings) {
   if (measurements.size() < 3) return std::nullopt;
   const Solver solver(measurements, settings);
-  Solution solution = solver.solve(kDelayPrior_s);
+  std::optional<Solution> solved = solver.solve(kDelayPrior_s);
+  if (!solved) return std::nullopt;
   Boresight result;
-  result.delay_sigma_s = std::sqrt(solution.covariance(delay, delay));
+  result.delay_sigma_s = std::sqrt(solved->covariance(delay, delay));
   result.delay_observable = result.delay_sigma_s < kObservableDelay_s;
-  if (!result.delay_observable) solution = solver.solve(kFixedDelay_s);
-  if (!solution.x.allFinite()) return std::nullopt;
+  if (!result.delay_observable) solved = solver.solve(kFixedDelay_s);
+  if (!solved || !solved->x.allFinite()) return std::nullopt;
+  const Solution& solution = *solved;
   const auto sigma = [&](Unknown of) { return std::sqrt(solution.covariance(of, of)); };
   result.mount = {wrap_pi(solution.x[yaw]), wrap_pi(solution.x[pitch]), wrap_pi(solution.x[roll])};
   result.mount_sigma = {sigma(yaw), sigma(pitch), sigma(roll)};

@@ -54,6 +54,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   ortho         frames with their poses through Nadir and through Orthority: the same place, and at what cost
   looks         labelled looks at maps of painted and real ground (--resume FILE; seeds below 1000 train, from 1000000 on judge;
                 --matchability FILE: how often they find their place, by the matchability of the ground)
+  retrieval     place retrieval over real imagery of two dates, headings unknown, for every descriptor (--queries N; five minutes)
   integrity     looks that cannot be right, on unseen seeds and imagery, and misleading positions under faults (--part PART --resume FILE; hours)
   own-network   a descriptor network of our own, trained and judged against oriented gradients (train DATA --out FILE; judge FILE...; needs PyTorch)
   fit-likelihood  the likelihood ratio of a look, fitted to such looks and written as a table (--looks FILE...)
@@ -132,6 +133,7 @@ part() {
     sitl | px4)   build-venv/bin/python -B "$here/../e2e/sitl.py" "$@" ;;
     soak)         one_program bench_fast_nadird && build-venv/bin/python -B "$here/../e2e/soak.py" "$@" ;;
     looks)        one_program bench_looks && build/bin/bench_looks "$@" ;;
+    retrieval)    one_program bench_retrieval && build/bin/bench_retrieval "$@" ;;
     integrity)    one_program bench_integrity && build/bin/bench_integrity "$@" ;;
     fit-likelihood) one_program bench_fit_likelihood && build/bin/bench_fit_likelihood "$@" ;;
     *) usage >&2; exit 2 ;;

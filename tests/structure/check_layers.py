@@ -49,6 +49,7 @@ ALLOWED = {
     "navigability": "base geodesy imagery package vision estimation raster",
     "package_build": "base geodesy imagery trust package vision ortho raster",
     "planning": "base geodesy imagery trust package vision raster package_build mission_formats",
+    "datasets": "base geodesy imagery vision estimation replay cli raster planning",
     "catalogue": "base geodesy package raster",
     "upload": "base imagery trust ortho",
     "candidates": "base geodesy imagery trust package ortho raster catalogue upload",
@@ -61,19 +62,19 @@ ALLOWED = {
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
     "commands": "base geodesy imagery trust token_keys package package_delta package_export vision estimation adjustment ortho recorder flights flight_adjustment replay mavlink upload raster package_build "
-                "catalogue candidates simulation provision flight_import mission_formats navigability cli report map_page verify_request nadird_client desk planning",
+                "catalogue candidates simulation provision flight_import mission_formats navigability datasets cli report map_page verify_request nadird_client desk planning",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }
 # Libraries that no header may include, and those that only the named folders may include at all.
 HEAVY_IN_HEADERS = re.compile(r"^(ceres/|p11-kit/|exiv2/|gdal|ogr|cpl_|faiss/|CLI/|boost/beast|nlohmann/json\.hpp$|proj\.h$)")
 ONLY_IN = [
-    (re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"raster", "mission_formats", "package_build", "catalogue", "candidates", "simulation", "commands"}),
+    (re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"raster", "mission_formats", "package_build", "catalogue", "candidates", "datasets", "simulation", "commands"}),
     (re.compile(r"^curl/"), {"upload"}),
     (re.compile(r"^p11-kit/"), {"token_keys"}),
     (re.compile(r"^CLI/"), {"cli"}),
     (re.compile(r"^faiss/"), {"vision"}),
-    (re.compile(r"^ceres/"), {"adjustment"}),
+    (re.compile(r"^ceres/"), {"adjustment", "provision"}),
     (re.compile(r"^exiv2/"), {"flight_import"}),
 ]
 TYPE = re.compile(r"^(?:struct|class|enum class) (\w+)(?: final)?(?:\s*:(?!:)[^{;]*)?\s*\{", re.MULTILINE)

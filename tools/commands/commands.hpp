@@ -56,6 +56,7 @@ std::unique_ptr<Command> make_simulate_loop();
 std::unique_ptr<Command> make_flight_import();
 std::unique_ptr<Command> make_flight_geotag();
 std::unique_ptr<Command> make_replay();
+std::unique_ptr<Command> make_evaluate();
 std::unique_ptr<Command> make_ortho();
 std::unique_ptr<Command> make_desk_serve();
 std::unique_ptr<Command> make_watch();

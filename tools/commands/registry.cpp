@@ -54,6 +54,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
                           make_flight_import,
                           make_flight_geotag,
                           make_replay,
+                          make_evaluate,
                           make_ortho,
                           make_desk_serve,
                           make_watch,

@@ -2,7 +2,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
@@ -22,6 +21,7 @@
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "commands/commands.hpp"
+#include "datasets/place_recall.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/tile_source.hpp"
 #include "package/manifest.hpp"
@@ -34,7 +34,6 @@
 #include "token_keys/token_key.hpp"
 #include "vision/place_index.hpp"
 #include "vision/place_index_builder.hpp"
-#include "vision/rectification.hpp"
 
 namespace nadir {
 namespace {
@@ -71,115 +70,6 @@ std::vector<double> layers_between(double least_m, double most_m) {
   return result;
 }
 
-// --evaluate: how often does the place index name the right chunk among its first 1, 5 and 20? Asked with the frames of
-// a flight whose truth is known, or with views that are made of the map itself.
-
-// A hit: the true place lies inside the square of one of the first k chunks. For frames the true place is the
-// aircraft's, for views of the map the middle of the view.
-struct PlaceRecall {
-  std::size_t queries = 0;
-  std::size_t within_1 = 0;
-  std::size_t within_5 = 0;
-  std::size_t within_20 = 0;
-  double chance_5 = 0;      // share of hits that five chunks drawn blindly would have, on average
-  double query_ms_p50 = 0;  // describing and searching
-  double query_ms_max = 0;
-
-  double share(std::size_t hits) const {
-    return queries == 0 ? 0 : static_cast<double>(hits) / static_cast<double>(queries);
-  }
-};
-
-struct PlaceEvaluation {
-  PlaceRecall known;         // heading wrong by a uniform error within ± heading_range_rad
-  PlaceRecall unknown;       // any heading
-  std::size_t left_out = 0;  // frames without truth, height or heading, or damaged
-};
-
-struct EvaluationOptions {
-  double heading_range_rad = 0.2618;  // 15 degrees
-  std::uint64_t seed = 1;
-};
-
-constexpr std::size_t kDeepest = 20;
-
-class Scorer {
- public:
-  Scorer(const PlaceIndex& index, PlaceRecall& recall)
-      : index_(index), frame_(index.table().origin()), recall_(recall) {}
-
-  void ask(const PlaceQuery& query, LonLat truth) {
-    const auto begin = std::chrono::steady_clock::now();
-    const std::vector<PlaceCandidate> found = index_.query(query, kDeepest);
-    times_ms_.push_back(std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count());
-    const auto hit = std::find_if(found.begin(), found.end(), [&](const PlaceCandidate& candidate) {
-      return inside(candidate.centre, candidate.side_m, truth);
-    });
-    const std::size_t rank = hit == found.end() ? kDeepest : static_cast<std::size_t>(hit - found.begin());
-    ++recall_.queries;
-    recall_.within_1 += rank < 1;
-    recall_.within_5 += rank < 5;
-    recall_.within_20 += rank < 20;
-    blind(truth, found);
-  }
-
-  void finish() {
-    if (times_ms_.empty()) return;
-    std::sort(times_ms_.begin(), times_ms_.end());
-    recall_.query_ms_p50 = times_ms_[times_ms_.size() / 2];
-    recall_.query_ms_max = times_ms_.back();
-    recall_.chance_5 /= static_cast<double>(recall_.queries);
-  }
-
- private:
-  bool inside(LonLat centre, double side_m, LonLat place) const {
-    const PlanePoint a = frame_.plane_from_lonlat(centre), b = frame_.plane_from_lonlat(place);
-    return std::abs(a.east_m - b.east_m) <= side_m / 2 && std::abs(a.north_m - b.north_m) <= side_m / 2;
-  }
-  // 1 − the chance that five different chunks of the layer all miss.
-  void blind(LonLat truth, const std::vector<PlaceCandidate>& found) {
-    if (found.empty()) return;
-    const auto& layers = index_.table().layers;
-    const auto layer = std::find_if(layers.begin(), layers.end(),
-                                    [&](const PlaceLayer& one) { return found.front().chunk < one.first + one.count; });
-    double right = 0;
-    for (std::size_t i = layer->first; i < layer->first + layer->count; ++i) {
-      right += inside(index_.table().chunks[i].centre(), layer->side_m(), truth);
-    }
-    double miss = 1;
-    const auto all = static_cast<double>(layer->count);
-    for (int i = 0; i < 5 && i < static_cast<int>(layer->count); ++i) {
-      miss *= std::max(0.0, (all - right - i) / (all - i));
-    }
-    recall_.chance_5 += 1 - miss;
-  }
-
-  const PlaceIndex& index_;
-  LocalFrame frame_;
-  PlaceRecall& recall_;
-  std::vector<double> times_ms_;
-};
-
-// The smallest layer's resolution: fine enough for every layer.
-double finest_gsd_m(const PlaceTable& table) {
-  double gsd_m = table.layers.front().gsd_m();
-  for (const PlaceLayer& layer : table.layers) gsd_m = std::min(gsd_m, layer.gsd_m());
-  return gsd_m;
-}
-
-std::optional<RectifiedFrame> rectified(const cv::Mat& grey, const CameraModel& camera, const CameraPose& pose,
-                                        double gsd_m) {
-  const auto box = footprint_of(camera, pose);
-  if (!box) return std::nullopt;
-  GroundGrid grid;
-  grid.gsd_m = gsd_m;
-  grid.west_m = box->west_m;
-  grid.north_m = box->north_m;
-  grid.columns = static_cast<int>(std::ceil((box->east_m - box->west_m) / gsd_m));
-  grid.rows = static_cast<int>(std::ceil((box->north_m - box->south_m) / gsd_m));
-  return rectify(reduce_frame(grey, camera, pose.agl_m, gsd_m), pose, grid);
-}
-
 // As another day, sensor and light might show it.
 cv::Mat other_day(const cv::Mat& grey, Random& random) {
   cv::Mat changed, noise(grey.size(), CV_32FC1);
@@ -214,51 +104,22 @@ cv::Mat turned_rectangle(cv::Size size, cv::Size2d picture, double heading_rad) 
 }
 
 // A folder with frames/, telemetry.csv, camera.yaml and truth.csv. camera: instead of the folder's.
-PlaceEvaluation evaluate_frames(const PlaceIndex& index, const Mission& mission, const std::filesystem::path& folder,
-                                const std::optional<std::filesystem::path>& camera, const EvaluationOptions& options,
+PlaceEvaluation evaluate_flight(const PlaceIndex& index, const Mission& mission, const std::filesystem::path& folder,
+                                const std::optional<std::filesystem::path>& camera, const PlaceRecallOptions& options,
                                 Progress& progress) {
   const Flight flight =
       read_flight({folder / "frames", folder / "telemetry.csv", camera.value_or(folder / "camera.yaml")});
-  const Truth truth = read_truth(folder / "truth.csv", flight.frames);
-  PlaceEvaluation evaluation;
-  Scorer known(index, evaluation.known), unknown(index, evaluation.unknown);
-  Random random = Random(options.seed).fork("place evaluation");
-  const double gsd_m = finest_gsd_m(index.table());
-  progress.begin("asking", flight.frames.size(), "frames");
-  for (std::size_t i = 0; i < flight.frames.size(); ++i) {
-    progress.advance();
-    const Telemetry& row = flight.frames[i];
-    const double error_rad = random.uniform(-options.heading_range_rad, options.heading_range_rad);
-    const double any_rad = random.uniform(0, 2 * std::numbers::pi);
-    const cv::Mat grey = read_grey_image(flight.frames_folder / row.frame);
-    if (!truth[i] || grey.empty() || !row.heading_rad) {
-      ++evaluation.left_out;
-      continue;
-    }
-    CameraPose pose;
-    pose.agl_m = row.agl_m.value_or(mission.route.agl_m);
-    pose.attitude = {*row.heading_rad + error_rad, row.pitch_rad.value_or(0), row.roll_rad.value_or(0)};
-    if (const auto frame = rectified(grey, flight.camera.camera, pose, gsd_m)) {
-      known.ask({frame->image, frame->mask, gsd_m, options.heading_range_rad}, *truth[i]);
-    }
-    pose.attitude.heading_rad = any_rad;
-    if (const auto frame = rectified(grey, flight.camera.camera, pose, gsd_m)) {
-      unknown.ask({frame->image, frame->mask, gsd_m, std::nullopt}, *truth[i]);
-    }
-  }
-  progress.end();
-  known.finish();
-  unknown.finish();
-  return evaluation;
+  return evaluate_frames(index, flight, read_truth(folder / "truth.csv", flight.frames), mission.route.agl_m, options,
+                         progress);
 }
 
 // `count` views of the map as another day might show it: turned, up to 5 % larger or smaller, brighter or darker,
 // less contrast, blurred, noisy; of the index's first layer, 4:3.
 PlaceEvaluation evaluate_views(const PlaceIndex& index, const TileSource& tiles, std::size_t count,
-                               const EvaluationOptions& options, Progress& progress) {
+                               const PlaceRecallOptions& options, Progress& progress) {
   const PlaceTable& table = index.table();
   PlaceEvaluation evaluation;
-  Scorer known(index, evaluation.known), unknown(index, evaluation.unknown);
+  PlaceScorer known(index, evaluation.known), unknown(index, evaluation.unknown);
   Random random = Random(options.seed).fork("place views");
   const LocalFrame frame(table.origin());
   const PlaceLayer& layer = table.layers.front();
@@ -301,23 +162,6 @@ PlaceEvaluation evaluate_views(const PlaceIndex& index, const TileSource& tiles,
   known.finish();
   unknown.finish();
   return evaluation;
-}
-
-nlohmann::json json_from(const PlaceRecall& recall) {
-  return {{"queries", recall.queries},
-          {"recall_at_1", recall.share(recall.within_1)},
-          {"recall_at_5", recall.share(recall.within_5)},
-          {"recall_at_20", recall.share(recall.within_20)},
-          {"chance_at_5", recall.chance_5},
-          {"query_ms_p50", recall.query_ms_p50},
-          {"query_ms_max", recall.query_ms_max}};
-}
-
-std::string text_from(const PlaceRecall& recall) {
-  return fmt::format(
-      "recall@1 {:.1f} %, @5 {:.1f} % (chance {:.1f} %), @20 {:.1f} %; {:.0f} ms per query, at most {:.0f} ms",
-      100 * recall.share(recall.within_1), 100 * recall.share(recall.within_5), 100 * recall.chance_5,
-      100 * recall.share(recall.within_20), recall.query_ms_p50, recall.query_ms_max);
 }
 
 class CacheIndexCommand final : public Command {
@@ -484,12 +328,12 @@ int CacheIndexCommand::evaluate(Context& context, const Manifest& manifest, cons
                       .found = "none",
                       .fix = "create one first: nadir cache index PACKAGE"});
   }
-  const EvaluationOptions options{radians(heading_range_deg_), seed_};
+  const PlaceRecallOptions options{radians(heading_range_deg_), seed_};
   const std::unique_ptr<TileSource> tiles = open_tile_source(package_ / imagery_of(manifest).path);
   const PlaceEvaluation evaluation =
       *evaluate_ == kSimulated
           ? evaluate_views(*index, *tiles, static_cast<std::size_t>(views_), options, context.progress)
-          : evaluate_frames(*index, mission, *evaluate_, camera_, options, context.progress);
+          : evaluate_flight(*index, mission, *evaluate_, camera_, options, context.progress);
   if (context.json) {
     print_json(context.out, {{"package", package_.string()},
                              {"against", *evaluate_},
