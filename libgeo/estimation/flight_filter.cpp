@@ -305,8 +305,8 @@ void FlightFilter::propagate_joint(const TelemetryInterval& interval, bool tilt_
 // ---- The inertial sensor
 
 void FlightFilter::set_latitude(double latitude_rad) {
-  earth_rate_rad_s_ = parameters::inertial::kEarthRate_rad_s *
-                      Eigen::Vector3d(0, std::cos(latitude_rad), std::sin(latitude_rad));
+  earth_rate_rad_s_ =
+      parameters::inertial::kEarthRate_rad_s * Eigen::Vector3d(0, std::cos(latitude_rad), std::sin(latitude_rad));
 }
 
 // The attitude is the camera's, as it was just estimated, and as wrong as that.
@@ -314,8 +314,8 @@ void FlightFilter::begin_inertial(const Eigen::Vector2d& measured_tilt_rad) {
   using namespace parameters::inertial;
   if (inertial_ || inertial_refused_ >= kMaxSensorRefused || !(sigma(heading) < kStartHeading_rad)) return;
   Inertial begun;
-  begun.world_from_sensor = world_from_sensor(mean_[heading], measured_tilt_rad.x() + mean_[pitch],
-                                              measured_tilt_rad.y() + mean_[roll]);
+  begun.world_from_sensor =
+      world_from_sensor(mean_[heading], measured_tilt_rad.x() + mean_[pitch], measured_tilt_rad.y() + mean_[roll]);
   Eigen::Matrix<double, kErrors, states> by_state = Eigen::Matrix<double, kErrors, states>::Zero();
   const Eigen::Matrix3d by_angles = attitude_error_by_angles(mean_[heading]);
   by_state.block<3, 1>(0, heading) = by_angles.col(0);
@@ -333,8 +333,9 @@ void FlightFilter::begin_inertial(const Eigen::Vector2d& measured_tilt_rad) {
 void FlightFilter::end_inertial() {
   using namespace parameters::inertial;
   if (!inertial_) return;
-  calibration_prior_ = {inertial_->calibration, (kBiasKeptVarianceRatio * inertial_->covariance.diagonal())
-                                                    .cwiseMin(unknown_calibration_variance())};
+  calibration_prior_ = {
+      inertial_->calibration,
+      (kBiasKeptVarianceRatio * inertial_->covariance.diagonal()).cwiseMin(unknown_calibration_variance())};
   inertial_.reset();
 }
 
@@ -354,7 +355,7 @@ void FlightFilter::predict(const PreintegratedMotion& motion, std::optional<doub
                            const std::optional<Eigen::Vector2d>& measured_tilt_rad) {
   propagate_joint(motion, measured_tilt_rad.has_value());
   within_interval_ = false;
-  if (measured_tilt_rad) update_attitude(*measured_tilt_rad);
+  if (measured_tilt_rad) update_attitude(*measured_tilt_rad, rotation_vector_of(motion.turn).norm() / motion.seconds);
   measured_heading_rad_ = measured_heading_rad;
   if (!measured_heading_rad) return;
   last_measured_heading_rad_ = measured_heading_rad;
@@ -396,12 +397,12 @@ void FlightFilter::propagate_joint(const PreintegratedMotion& motion, bool tilt_
   const Covariance last_with_current =
       before ? Covariance(before->second.topRightCorner<states, states>()) : covariance_;
   const InertialCross last_with_errors = before ? errors.cross_before : errors.cross;
-  const Covariance last_with_now = product_transposed(last_with_current, transition) +
-                                   product_transposed(last_with_errors, by_errors);
+  const Covariance last_with_now =
+      product_transposed(last_with_current, transition) + product_transposed(last_with_errors, by_errors);
   const InertialCross moved = product(transition, errors.cross) + product(by_errors, errors.covariance);
   const Covariance half = product_transposed(product(transition, errors.cross), by_errors);
-  Covariance next = congruence(transition, covariance_) + half + half.transpose() +
-                    congruence(by_errors, errors.covariance) + noise;
+  Covariance next =
+      congruence(transition, covariance_) + half + half.transpose() + congruence(by_errors, errors.covariance) + noise;
   // As forbid_blind_certainty().
   const Eigen::Matrix2d grown = (next - covariance_).topLeftCorner<2, 2>();
   const double least = Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(grown).eigenvalues()[0];
@@ -409,8 +410,8 @@ void FlightFilter::propagate_joint(const PreintegratedMotion& motion, bool tilt_
 
   errors.cross_before = product_transposed(last_with_errors, step.error_transition);
   errors.cross = product_transposed(moved, step.error_transition) + noise_with_errors;
-  errors.covariance = congruence(step.error_transition, errors.covariance) +
-                      step.noise.bottomRightCorner<kErrors, kErrors>();
+  errors.covariance =
+      congruence(step.error_transition, errors.covariance) + step.noise.bottomRightCorner<kErrors, kErrors>();
   errors.world_from_sensor = step.world_from_sensor;
   JointState both;
   both << last, now;
@@ -433,7 +434,7 @@ void FlightFilter::update_measured_heading(double measured_heading_rad) {
 }
 
 // 0 = angles of R - those of the camera + w
-void FlightFilter::update_attitude(const Eigen::Vector2d& measured_tilt_rad) {
+void FlightFilter::update_attitude(const Eigen::Vector2d& measured_tilt_rad, double rate_rad_s) {
   using Cross = Eigen::Matrix<double, kJoint, kErrors>;
   auto& [both, joint] = *joint_;
   Inertial& errors = *inertial_;
@@ -450,7 +451,8 @@ void FlightFilter::update_attitude(const Eigen::Vector2d& measured_tilt_rad) {
   cross << errors.cross_before, errors.cross;
   const Eigen::Matrix<double, 3, kJoint> seen = product(row, joint) + product_transposed(by_errors, cross);
   const Eigen::Matrix<double, 3, kErrors> errors_seen = product(row, cross) + product(by_errors, errors.covariance);
-  const double noise_rad = parameters::inertial::kAttitudeNoise_rad;
+  const double noise_rad =
+      hypotenuse(parameters::inertial::kAttitudeNoise_rad, parameters::inertial::kFrameTime_s * rate_rad_s);
   const Eigen::Matrix3d spread = product_transposed(seen, row) + product_transposed(errors_seen, by_errors) +
                                  noise_rad * noise_rad * Eigen::Matrix3d::Identity();
   const Eigen::Matrix<double, kJoint, 3> gain = spread.ldlt().solve(seen).transpose();

@@ -60,13 +60,15 @@
 // Both are linear updates in Joseph's form. update_relative works on the joint density of two frames, so that the
 // earlier one is corrected as well; it stays joint until marginalize_previous().
 //
-// With an inertial sensor's samples (inertial_preintegration.hpp) the filter also carries a strapdown attitude R (world,
-// that is east, north, up, from the sensor's axes b) and biases b_g, b_a as nominal values, and their errors as states:
+// With an inertial sensor's samples (inertial_preintegration.hpp) the filter also carries a strapdown attitude R
+// (world, that is east, north, up, from the sensor's axes b) and biases b_g, b_a as nominal values, and their errors as
+// states:
 //
-//   e = (φ, δb_g, δb_a, δM)    R_true = Exp(φ) R, b_true = b + δb …; zero after each update, which moves the nominal values
+//   e = (φ, δb_g, δb_a, δM)    R_true = Exp(φ) R, b_true = b + δb …; zero after each update, which moves the nominal
+//   values
 //
-// and the process model of velocity, position and heading becomes, with t, ΔR, Δv, Δp, J and their covariance preintegrated
-// between two moments, and the Earth's rate ω_e:
+// and the process model of velocity, position and heading becomes, with t, ΔR, Δv, Δp, J and their covariance
+// preintegrated between two moments, and the Earth's rate ω_e:
 //
 //   R'   = Exp(-ω_e t) R ΔR                    φ' = φ + R' J_Rg δb_g + R' w_φ + w_scale
 //   v'   = v + [R Δv - 2 ω_e × v t]            + [-(R Δv) × φ + R (J_vg δb_g + J_va δb_a + w_v)] + w_scale
@@ -75,17 +77,18 @@
 //   z    = ψ_m = ψ - b_ψ - d + w               the measured heading is now a measurement
 //   0    = angles of R - (ψ, θ + θ_m, φ + φ_m) + w    at each frame: the sensor turns with the camera
 //
-// where [ ] takes the horizontal part, so that gravity's own value does not matter: what leaks into the horizontal through
-// φ is all in R Δv. A wind needs no state, and the velocity no airspeed. Level, heading and biases are learned from what
-// odometry and anchors say of position and velocity, all of which are correlated with e; a bias and a tilt cannot be told
-// apart in straight flight, and need not be. w_scale is what the sensor's scale and misalignment make of a turn or of a
-// change of velocity. The sensor's axes are the camera's: where it is mounted askew by a degree or two, that is in M and
-// b_a, which are learned. With the last equation the tilt no longer changes from frame to frame as it pleases, and odometry
-// measures velocity far better. The filter begins so at the first frame that has samples, heading and tilt, and ends where samples
-// are missing; the velocity is then predicted as above, and the biases are kept for the next beginning. e is no state of
-// the frame before: blocks P_xe and P_ee are added to the covariance of x, whose own equations are the same with G e as a
-// further input (a Schmidt-Kalman filter's partition, with e updated as well). Without samples there is no e, and nothing
-// of the above changes. The smoother works on x alone: between frames it takes G e for noise.
+// where [ ] takes the horizontal part, so that gravity's own value does not matter: what leaks into the horizontal
+// through φ is all in R Δv. A wind needs no state, and the velocity no airspeed. Level, heading and biases are learned
+// from what odometry and anchors say of position and velocity, all of which are correlated with e; a bias and a tilt
+// cannot be told apart in straight flight, and need not be. w_scale is what the sensor's scale and misalignment make of
+// a turn or of a change of velocity. The sensor's axes are the camera's: where it is mounted askew by a degree or two,
+// that is in M and b_a, which are learned. With the last equation the tilt no longer changes from frame to frame as it
+// pleases, and odometry measures velocity far better. The filter begins so at the first frame that has samples, heading
+// and tilt, and ends where samples are missing; the velocity is then predicted as above, and the biases are kept for
+// the next beginning. e is no state of the frame before: blocks P_xe and P_ee are added to the covariance of x, whose
+// own equations are the same with G e as a further input (a Schmidt-Kalman filter's partition, with e updated as well).
+// Without samples there is no e, and nothing of the above changes. The smoother works on x alone: between frames it
+// takes G e for noise.
 //
 // One frame: propagate() for each interval of a long way to it, predict(), then update_relative() if odometry tracked
 // it, then update_absolute() if a match with the map was accepted. smoothed() is Rauch-Tung-Striebel's smoother.
@@ -148,8 +151,9 @@ class FlightFilter {
   void propagate(const PreintegratedMotion& motion);
   void predict(const PreintegratedMotion& motion, std::optional<double> measured_heading_rad,
                const std::optional<Eigen::Vector2d>& measured_tilt_rad);
-  // After predict(): from the current frame on there are samples of an inertial sensor. measured_tilt_rad: pitch and roll
-  // that the states are beyond. Does nothing while the heading is unknown, and after the sensor was refused too often.
+  // After predict(): from the current frame on there are samples of an inertial sensor. measured_tilt_rad: pitch and
+  // roll that the states are beyond. Does nothing while the heading is unknown, and after the sensor was refused too
+  // often.
   void begin_inertial(const Eigen::Vector2d& measured_tilt_rad);
   // Images contradict it: the velocity is unknown, the position off by this σ, and the biases begin anew.
   void refuse_inertial(double sigma_m);
@@ -224,7 +228,7 @@ class FlightFilter {
   struct Link;
   void propagate_joint(const PreintegratedMotion& motion, bool tilt_measured);
   void update_measured_heading(double measured_heading_rad);
-  void update_attitude(const Eigen::Vector2d& measured_tilt_rad);
+  void update_attitude(const Eigen::Vector2d& measured_tilt_rad, double rate_rad_s);
   void move_inertial(const InertialError& error);
   void end_inertial();
   std::pair<Motion8Row, Motion8> relative_innovation(const RelativeMotionMeasurement& measurement,
@@ -263,7 +267,7 @@ class FlightFilter {
   double tilt_scatter_weight_;
 
   std::optional<Inertial> inertial_;
-  std::optional<CalibrationPrior> calibration_prior_;  // of an earlier stretch with samples
+  std::optional<CalibrationPrior> calibration_prior_;           // of an earlier stretch with samples
   Eigen::Vector3d earth_rate_rad_s_ = Eigen::Vector3d::Zero();  // east, north, up
   int inertial_refused_ = 0;
 

@@ -114,11 +114,12 @@ std::optional<PreintegratedMotion> preintegrate(std::span<const InertialSample> 
   return sum.seconds > 0 ? std::optional(sum) : std::nullopt;
 }
 
-std::vector<PreintegratedMotion> preintegrate_parts(std::span<const InertialSample> samples, double from_s, double to_s) {
+std::vector<PreintegratedMotion> preintegrate_parts(std::span<const InertialSample> samples, double from_s,
+                                                    double to_s) {
   std::vector<PreintegratedMotion> parts;
   if (samples.empty() || !(to_s > from_s)) return parts;
   const double seconds = to_s - from_s;
-  if (seconds > samples.back().time_s - samples.front().time_s + 3 * kMaxGap_s) return parts;
+  if (!(seconds < kMaxWay_s) || seconds > samples.back().time_s - samples.front().time_s + 3 * kMaxGap_s) return parts;
   const int count = std::max(1, static_cast<int>(std::ceil(seconds / kMaxPart_s)));
   double begin_s = from_s;
   for (int i = 1; i <= count; ++i) {
@@ -134,8 +135,8 @@ std::vector<PreintegratedMotion> preintegrate_parts(std::span<const InertialSamp
 std::vector<InertialSample> usable_samples(std::span<const InertialSample> samples, double after_s) {
   std::vector<InertialSample> usable;
   for (const InertialSample& sample : samples) {
-    const bool in_range = sample.rate_rad_s.cwiseAbs().maxCoeff() < kMaxRate_rad_s &&
-                          sample.force_mps2.cwiseAbs().maxCoeff() < kMaxForce_mps2 && sample.rate_rad_s.allFinite() &&
+    const bool in_range = sample.rate_rad_s.cwiseAbs().maxCoeff() < kRateRange_rad_s &&
+                          sample.force_mps2.cwiseAbs().maxCoeff() < kForceRange_mps2 && sample.rate_rad_s.allFinite() &&
                           sample.force_mps2.allFinite();
     const double last_s = usable.empty() ? after_s : usable.back().time_s;
     if (in_range && std::isfinite(sample.time_s) && sample.time_s > last_s) usable.push_back(sample);

@@ -1,17 +1,18 @@
-// Preintegration of an inertial sensor's samples between two moments (Forster, Carlone, Dellaert, Scaramuzza: On-Manifold
-// Preintegration for Real-Time Visual-Inertial Odometry, IEEE T-RO 33(1), 2017; equation numbers are theirs).
+// Preintegration of an inertial sensor's samples between two moments (Forster, Carlone, Dellaert, Scaramuzza:
+// On-Manifold Preintegration for Real-Time Visual-Inertial Odometry, IEEE T-RO 33(1), 2017; equation numbers are
+// theirs).
 //
 // Samples are those of three gyroscopes ω and three accelerometers f (specific force: at rest -g, that is 9.8 m/s² up)
-// in one frame b of axes: image-up, image-right, optical axis. For a camera that looks straight down with image-up to the
-// nose these are the aircraft's forward, right and down. With the biases b_g, b_a, which are removed, the samples between
-// i and j sum up to what does not depend on the attitude, velocity and position at i (35 to 37):
+// in one frame b of axes: image-up, image-right, optical axis. For a camera that looks straight down with image-up to
+// the nose these are the aircraft's forward, right and down. With the biases b_g, b_a, which are removed, the samples
+// between i and j sum up to what does not depend on the attitude, velocity and position at i (35 to 37):
 //
 //   ΔR = Π Exp((ω - b_g) dt)           R_j = R_i ΔR                              R: world from b
 //   Δv = Σ ΔR (f - b_a) dt             v_j = v_i + g t + R_i Δv
 //   Δp = Σ Δv dt + ½ ΔR (f - b_a) dt²  p_j = p_i + v_i t + ½ g t² + R_i Δp
 //
-// A sample is the mean over the time since the one before, as sensors with an anti-aliasing filter deliver it; within that
-// time f is resolved with the attitude at its middle. Errors (δφ, δv, δp): ΔR Exp(δφ), Δv + δv, Δp + δp, with the
+// A sample is the mean over the time since the one before, as sensors with an anti-aliasing filter deliver it; within
+// that time f is resolved with the attitude at its middle. Errors (δφ, δv, δp): ΔR Exp(δφ), Δv + δv, Δp + δp, with the
 // covariance of the sensor's white noise (62, 63). Other biases b + δb change the result to first order (44):
 //
 //   ΔR Exp(J_Rg δb_g)      Δv + J_vg δb_g + J_va δb_a      Δp + J_pg δb_g + J_pa δb_a
@@ -28,9 +29,9 @@
 namespace nadir {
 
 struct InertialSample {
-  double time_s = 0;                                        // end of what it is the mean of; the clock of the frames
-  Eigen::Vector3d rate_rad_s = Eigen::Vector3d::Zero();     // ω
-  Eigen::Vector3d force_mps2 = Eigen::Vector3d::Zero();     // f
+  double time_s = 0;                                     // end of what it is the mean of; the clock of the frames
+  Eigen::Vector3d rate_rad_s = Eigen::Vector3d::Zero();  // ω
+  Eigen::Vector3d force_mps2 = Eigen::Vector3d::Zero();  // f
 };
 
 struct InertialBias {
@@ -40,9 +41,9 @@ struct InertialBias {
 
 struct PreintegratedMotion {
   double seconds = 0;
-  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();             // ΔR: b at i from b at j
-  Eigen::Vector3d velocity_change_mps = Eigen::Vector3d::Zero();  // Δv, in b at i
-  Eigen::Vector3d displacement_m = Eigen::Vector3d::Zero();       // Δp, in b at i
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();                            // ΔR: b at i from b at j
+  Eigen::Vector3d velocity_change_mps = Eigen::Vector3d::Zero();                 // Δv, in b at i
+  Eigen::Vector3d displacement_m = Eigen::Vector3d::Zero();                      // Δp, in b at i
   Eigen::Matrix<double, 9, 9> covariance = Eigen::Matrix<double, 9, 9>::Zero();  // (δφ, δv, δp)
   InertialBias bias;                                                             // that was removed
   Eigen::Matrix3d turn_by_rate = Eigen::Matrix3d::Zero();                        // J_Rg
@@ -64,9 +65,10 @@ Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& a);
 std::optional<PreintegratedMotion> preintegrate(std::span<const InertialSample> samples, double from_s, double to_s,
                                                 const InertialBias& bias = {});
 
-// The same in parts of at most kMaxPart_s, in order: over longer ones the biases and the attitude at the beginning are no
-// constants. Empty when a part has a gap, and when to_s is not later.
-std::vector<PreintegratedMotion> preintegrate_parts(std::span<const InertialSample> samples, double from_s, double to_s);
+// The same in parts of at most kMaxPart_s, in order: over longer ones the biases and the attitude at the beginning are
+// no constants. Empty when a part has a gap, when to_s is not later, and when it is later than by kMaxWay_s.
+std::vector<PreintegratedMotion> preintegrate_parts(std::span<const InertialSample> samples, double from_s,
+                                                    double to_s);
 
 // What can be used, in order of time and without duplicates: samples that are not finite, beyond the range of sensors
 // (saturated), of the time up to after_s, or not later than the one before are left out.

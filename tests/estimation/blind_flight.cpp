@@ -14,7 +14,7 @@ using Eigen::Vector2d;
 namespace model = parameters::telemetry;
 
 constexpr double kLatitude_rad = radians(48), kStart_m = 20;
-constexpr double kLateral_mps2 = 3.57;             // a bank of 20 degrees
+constexpr double kLateral_mps2 = 3.57;                 // a bank of 20 degrees
 constexpr double kTurn_s = 9.7, kBetweenTurns_s = 27;  // 90 degrees
 
 // Forward, right, down in east, north, up.
@@ -34,7 +34,9 @@ double lateral_mps2(double time_s, const BlindOptions& options) {
     return turning ? (leg % 3 == 2 ? -kLateral_mps2 : kLateral_mps2) : 0;
   }
   const double blind_s = time_s - options.seen_s, room_s = options.blind_s;
-  const auto within = [&](double share) { return std::abs(blind_s - share * room_s) < std::min(kTurn_s, 0.4 * room_s) / 2; };
+  const auto within = [&](double share) {
+    return std::abs(blind_s - share * room_s) < std::min(kTurn_s, 0.4 * room_s) / 2;
+  };
   if (options.turns == 1 && within(0.5)) return options.turn_sign * kLateral_mps2;
   if (options.turns == 2 && within(0.3)) return options.turn_sign * kLateral_mps2;
   if (options.turns == 2 && within(0.75)) return -options.turn_sign * kLateral_mps2;
@@ -64,7 +66,7 @@ BlindEnd fly_blind(Random random, const BlindOptions& options) {
   FlightFilter filter(sigma, true, {0, 0}, kStart_m);
   filter.set_latitude(kLatitude_rad);
   is.heading = wing.attitude().heading_rad;
-  BlindEnd end{.filter = filter, .steps = {}, .truth_m = {}};
+  BlindEnd end{.fresh = filter, .filter = filter, .steps = {}, .truth_m = {}};
   const int last = options.seen_s + options.blind_s;
   const double dt = 1.0 / static_cast<double>(options.rate_hz);
   for (int second = 0; second <= last; ++second) {
@@ -76,15 +78,14 @@ BlindEnd fly_blind(Random random, const BlindOptions& options) {
         const BodyMotion before = motion_of(wing, time_s);
         wing.step(dt, lateral_mps2(time_s, options));
         const MeasuredRates measured = imu.measure(before, motion_of(wing, time_s + dt));
-        samples.push_back({measured.time_s, camera_from_sensor * measured.rate_rad_s,
-                           camera_from_sensor * measured.force_mps2});
+        samples.push_back(
+            {measured.time_s, camera_from_sensor * measured.rate_rad_s, camera_from_sensor * measured.force_mps2});
       }
       is.drift(random, sigma, wrap_pi(wing.attitude().heading_rad - was.heading), 1);
     }
     is.place = wing.place().vector();
     is.heading = wing.attitude().heading_rad;
-    is.tilt = is.tilt_bias + model::kWhiteTiltShareLogged * sigma.tilt_rad *
-                                 Vector2d(random.normal(), random.normal());
+    is.tilt = is.tilt_bias + model::kWhiteTiltShareLogged * sigma.tilt_rad * Vector2d(random.normal(), random.normal());
     FlightStep step;
     step.seconds = second > 0 ? 1 : 0;
     step.measured_heading_rad =

@@ -1,5 +1,6 @@
-// Flights of a simulated fixed wing with a MEMS inertial sensor whose camera goes blind, without pictures: what telemetry,
-// odometry and anchors would say until then, and where the flight filter takes the aircraft to be at the end.
+// Flights of a simulated fixed wing with a MEMS inertial sensor whose camera goes blind, without pictures: what
+// telemetry, odometry and anchors would say until then, and where the flight filter takes the aircraft to be at the
+// end.
 #pragma once
 
 #include "estimation/drawn_flight.hpp"
@@ -24,9 +25,10 @@ struct BlindOptions {
 struct BlindEnd {
   double error_m = 0, sigma_m = 0, nees = 0;
   double velocity_error_mps = 0;
-  bool inertial = false;     // at the end
-  double largest_chi2 = 0;   // of what odometry said, against the inertial prediction
-  FlightFilter filter;       // at the end
+  bool inertial = false;    // at the end
+  double largest_chi2 = 0;  // of what odometry said, against the inertial prediction
+  FlightFilter fresh;       // before the first step
+  FlightFilter filter;      // at the end
   std::vector<FlightStep> steps;
   std::vector<Eigen::Vector2d> truth_m;
 };
