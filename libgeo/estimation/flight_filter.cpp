@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir {
@@ -102,6 +103,16 @@ double mean_square_speed_m2ps2(const F::State& mean, const F::Covariance& covari
   return mean.segment<2>(F::velocity_east).squaredNorm() +
          std::min(covariance.block<2, 2>(F::velocity_east, F::velocity_east).trace(), 2 * start) +
          4 * options.wind_sigma_mps * options.wind_sigma_mps;
+}
+
+// Of the inertial sensor's errors, before anything is learned of them; of the attitude none.
+Eigen::Matrix<double, StrapdownStep::kErrors, 1> unknown_calibration_variance() {
+  using namespace parameters::inertial;
+  Eigen::Matrix<double, StrapdownStep::kErrors, 1> variance = Eigen::Matrix<double, StrapdownStep::kErrors, 1>::Zero();
+  variance.segment<3>(StrapdownStep::rate_bias).array() = kRateBias_rad_s * kRateBias_rad_s;
+  variance.segment<3>(StrapdownStep::force_bias).array() = kForceBias_mps2 * kForceBias_mps2;
+  variance.tail<9>().array() = kRateScale * kRateScale;
+  return variance;
 }
 
 // After propagate_by_velocity(), whose p' = p + dt (v + v') / 2 becomes the header's p' = p + c (v + v') + w_gap.
@@ -264,6 +275,7 @@ void FlightFilter::predict(double seconds, std::optional<double> measured_headin
 }
 
 void FlightFilter::propagate_joint(const TelemetryInterval& interval, bool tilt_measured) {
+  end_inertial();  // the attitude is unknown from here on
   if (!within_interval_) marginalize_previous();
   tilt_missing_ = tilt_logged_ && !tilt_measured;
   const auto [now, transition, noise] = process_model(interval);
@@ -290,6 +302,184 @@ void FlightFilter::propagate_joint(const TelemetryInterval& interval, bool tilt_
   first_ = false;
 }
 
+// ---- The inertial sensor
+
+void FlightFilter::set_latitude(double latitude_rad) {
+  earth_rate_rad_s_ =
+      parameters::inertial::kEarthRate_rad_s * Eigen::Vector3d(0, std::cos(latitude_rad), std::sin(latitude_rad));
+}
+
+// The attitude is the camera's, as it was just estimated, and as wrong as that.
+void FlightFilter::begin_inertial(const Eigen::Vector2d& measured_tilt_rad) {
+  using namespace parameters::inertial;
+  if (inertial_ || inertial_refused_ >= kMaxSensorRefused || !(sigma(heading) < kStartHeading_rad)) return;
+  Inertial begun;
+  begun.world_from_sensor =
+      world_from_sensor(mean_[heading], measured_tilt_rad.x() + mean_[pitch], measured_tilt_rad.y() + mean_[roll]);
+  Eigen::Matrix<double, kErrors, states> by_state = Eigen::Matrix<double, kErrors, states>::Zero();
+  const Eigen::Matrix3d by_angles = attitude_error_by_angles(mean_[heading]);
+  by_state.block<3, 1>(0, heading) = by_angles.col(0);
+  by_state.block<3, 1>(0, pitch) = by_angles.col(1);
+  by_state.block<3, 1>(0, roll) = by_angles.col(2);
+  begun.cross = product_transposed(covariance_, by_state);
+  begun.covariance = congruence(by_state, covariance_);
+  if (calibration_prior_) begun.calibration = calibration_prior_->mean;
+  const InertialError variance = calibration_prior_ ? calibration_prior_->variance : unknown_calibration_variance();
+  begun.covariance.diagonal().tail<kErrors - 3>() = variance.tail<kErrors - 3>();
+  if (joint_) begun.cross_before = product_transposed(joint_->second.topRightCorner<states, states>(), by_state);
+  inertial_ = begun;
+}
+
+void FlightFilter::end_inertial() {
+  using namespace parameters::inertial;
+  if (!inertial_) return;
+  calibration_prior_ = {
+      inertial_->calibration,
+      (kBiasKeptVarianceRatio * inertial_->covariance.diagonal()).cwiseMin(unknown_calibration_variance())};
+  inertial_.reset();
+}
+
+void FlightFilter::refuse_inertial(double sigma_m) {
+  inflate_position(sigma_m);
+  reset_velocity();
+  calibration_prior_.reset();
+  ++inertial_refused_;
+}
+
+void FlightFilter::propagate(const PreintegratedMotion& motion) {
+  propagate_joint(motion, true);
+  within_interval_ = true;
+}
+
+void FlightFilter::predict(const PreintegratedMotion& motion, std::optional<double> measured_heading_rad,
+                           const std::optional<Eigen::Vector2d>& measured_tilt_rad) {
+  propagate_joint(motion, measured_tilt_rad.has_value());
+  within_interval_ = false;
+  if (measured_tilt_rad) update_attitude(*measured_tilt_rad, rotation_vector_of(motion.turn).norm() / motion.seconds);
+  measured_heading_rad_ = measured_heading_rad;
+  if (!measured_heading_rad) return;
+  last_measured_heading_rad_ = measured_heading_rad;
+  update_measured_heading(*measured_heading_rad);
+}
+
+void FlightFilter::propagate_joint(const PreintegratedMotion& motion, bool tilt_measured) {
+  if (!within_interval_) marginalize_previous();
+  tilt_missing_ = tilt_logged_ && !tilt_measured;
+  const double dt = motion.seconds;
+  usual_seconds_ = std::min(dt, kLongestUsualInterval_s);
+  blind_s_ += dt;
+  silent_s_ = 0;
+  const StrapdownStep step = strapdown_step(inertial_->world_from_sensor, motion, inertial_->calibration,
+                                            mean_.segment<2>(velocity_east), earth_rate_rad_s_);
+  constexpr int order[] = {east, north, velocity_east, velocity_north, heading};
+  const double turn = step.added[StrapdownStep::heading];
+  blind_turn_rad_ += turn;
+
+  FlightPrediction prediction;
+  auto& [now, transition, noise] = prediction;
+  process_model_height_and_tilt(prediction, dt);
+  process_model_deviation(prediction, turn, dt);
+  for (int axis = 0; axis < 2; ++axis) transition(east + axis, velocity_east + axis) = dt;
+  now = transition * mean_;
+  InertialCross by_errors = InertialCross::Zero(), noise_with_errors = InertialCross::Zero();
+  for (int i = 0; i < 5; ++i) {
+    now[order[i]] += step.added[i];
+    by_errors.row(order[i]) = step.added_by_errors.row(i);
+    noise_with_errors.row(order[i]) = step.noise.block<1, kErrors>(i, StrapdownStep::errors);
+    for (int j = 0; j < 5; ++j) noise(order[i], order[j]) += step.noise(i, j);
+  }
+
+  // Of (x_last, x', e'), x' = F x + G e + w and e' = A e + w_e.
+  Inertial& errors = *inertial_;
+  const auto before = joint_;
+  const State last = before ? State(before->first.head<states>()) : mean_;
+  const Covariance last_covariance = before ? Covariance(before->second.topLeftCorner<states, states>()) : covariance_;
+  const Covariance last_with_current =
+      before ? Covariance(before->second.topRightCorner<states, states>()) : covariance_;
+  const InertialCross last_with_errors = before ? errors.cross_before : errors.cross;
+  const Covariance last_with_now =
+      product_transposed(last_with_current, transition) + product_transposed(last_with_errors, by_errors);
+  const InertialCross moved = product(transition, errors.cross) + product(by_errors, errors.covariance);
+  const Covariance half = product_transposed(product(transition, errors.cross), by_errors);
+  Covariance next =
+      congruence(transition, covariance_) + half + half.transpose() + congruence(by_errors, errors.covariance) + noise;
+  // As forbid_blind_certainty().
+  const Eigen::Matrix2d grown = (next - covariance_).topLeftCorner<2, 2>();
+  const double least = Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(grown).eigenvalues()[0];
+  if (least < 0) next.topLeftCorner<2, 2>() -= least * Eigen::Matrix2d::Identity();
+
+  errors.cross_before = product_transposed(last_with_errors, step.error_transition);
+  errors.cross = product_transposed(moved, step.error_transition) + noise_with_errors;
+  errors.covariance =
+      congruence(step.error_transition, errors.covariance) + step.noise.bottomRightCorner<kErrors, kErrors>();
+  errors.world_from_sensor = step.world_from_sensor;
+  JointState both;
+  both << last, now;
+  JointCovariance joint;
+  joint << last_covariance, last_with_now, last_with_now.transpose(), next;
+  mean_ = now;
+  covariance_ = next;
+  joint_.emplace(both, joint);
+}
+
+// z = ψ - b_ψ - d + w
+void FlightFilter::update_measured_heading(double measured_heading_rad) {
+  Eigen::Matrix<double, 1, kJoint> row = Eigen::Matrix<double, 1, kJoint>::Zero();
+  row[states + heading] = 1;
+  row[states + heading_bias] = row[states + deviation] = -1;
+  const double white_rad = model::kWhiteHeadingShare * uncertainty_.heading_rad;
+  const double predicted_rad = (row * joint_->first)[0];
+  update_joint<1>(row, Eigen::Matrix<double, 1, 1>(wrap_pi(measured_heading_rad - predicted_rad)),
+                  Eigen::Matrix<double, 1, 1>(white_rad * white_rad));
+}
+
+// 0 = angles of R - those of the camera + w
+void FlightFilter::update_attitude(const Eigen::Vector2d& measured_tilt_rad, double rate_rad_s) {
+  using Cross = Eigen::Matrix<double, kJoint, kErrors>;
+  auto& [both, joint] = *joint_;
+  Inertial& errors = *inertial_;
+  const Eigen::Vector3d angles = camera_angles(errors.world_from_sensor);
+  Eigen::Matrix<double, 3, kJoint> row = Eigen::Matrix<double, 3, kJoint>::Zero();
+  row(0, states + heading) = row(1, states + pitch) = row(2, states + roll) = 1;
+  Eigen::Matrix<double, 3, kErrors> by_errors = Eigen::Matrix<double, 3, kErrors>::Zero();
+  by_errors.leftCols<3>() = -attitude_error_by_angles(angles[0]).transpose();
+  Eigen::Vector3d innovation(angles[0] - both[states + heading],
+                             angles[1] - measured_tilt_rad.x() - both[states + pitch],
+                             angles[2] - measured_tilt_rad.y() - both[states + roll]);
+  innovation[0] = wrap_pi(innovation[0]);
+  Cross cross;
+  cross << errors.cross_before, errors.cross;
+  const Eigen::Matrix<double, 3, kJoint> seen = product(row, joint) + product_transposed(by_errors, cross);
+  const Eigen::Matrix<double, 3, kErrors> errors_seen = product(row, cross) + product(by_errors, errors.covariance);
+  const double noise_rad =
+      hypotenuse(parameters::inertial::kAttitudeNoise_rad, parameters::inertial::kFrameTime_s * rate_rad_s);
+  const Eigen::Matrix3d spread = product_transposed(seen, row) + product_transposed(errors_seen, by_errors) +
+                                 noise_rad * noise_rad * Eigen::Matrix3d::Identity();
+  const Eigen::Matrix<double, kJoint, 3> gain = spread.ldlt().solve(seen).transpose();
+  const Eigen::Matrix<double, kErrors, 3> errors_gain = spread.ldlt().solve(errors_seen).transpose();
+  both += gain * innovation;
+  joint -= product(gain, seen);
+  joint = (0.5 * (joint + joint.transpose())).eval();
+  cross -= product(gain, errors_seen);
+  errors.cross_before = cross.topRows<states>();
+  errors.cross = cross.bottomRows<states>();
+  errors.covariance -= product(errors_gain, errors_seen);
+  errors.covariance = (0.5 * (errors.covariance + errors.covariance.transpose())).eval();
+  move_inertial(errors_gain * innovation);
+  mean_ = both.tail<states>();
+  covariance_ = joint.bottomRightCorner<states, states>();
+}
+
+void FlightFilter::move_inertial(const InertialError& error) {
+  inertial_->world_from_sensor = (rotation_of(error.head<3>()) * inertial_->world_from_sensor).eval();
+  InertialCalibration& calibration = inertial_->calibration;
+  calibration.bias.rate_rad_s += error.segment<3>(StrapdownStep::rate_bias);
+  calibration.bias.force_mps2 += error.segment<3>(StrapdownStep::force_bias);
+  for (int axis = 0; axis < 3; ++axis) {
+    calibration.rate_scale.col(axis) += error.segment<3>(StrapdownStep::rate_scale + 3 * axis);
+  }
+}
+
 FlightPrediction FlightFilter::process_model(const TelemetryInterval& interval) {
   const auto& [seconds, measured_heading_rad, imu_dv_mps] = interval;
   const bool clock_stopped = !first_ && !(seconds > 0);
@@ -298,24 +488,7 @@ FlightPrediction FlightFilter::process_model(const TelemetryInterval& interval) 
   FlightPrediction prediction;
   auto& [now, transition, noise] = prediction;
 
-  const double agl_variance = uncertainty_.agl_relative * uncertainty_.agl_relative;
-  const GaussMarkov height = gauss_markov(
-      agl_variance, first_ ? 1 : std::sqrt(1 - model::kHeightInnovationShare * model::kHeightInnovationShare));
-  transition(log_height, log_height) = height.keep;
-  noise(log_height, log_height) = height.variance;
-
-  const double tilt_variance = uncertainty_.tilt_rad * uncertainty_.tilt_rad;
-  const double drift_s = tilt_logged_ ? model::kTiltTimeLogged_s : model::kTiltTimeUnlogged_s;
-  const GaussMarkov bias = gauss_markov(tilt_variance, std::exp(-dt / drift_s));
-  const double white = white_tilt_sigma_rad() * white_tilt_sigma_rad();
-  for (int axis = 0; axis < 2; ++axis) {
-    const int tilt = pitch + axis, constant = pitch_bias + axis;
-    transition(tilt, tilt) = 0;
-    transition(tilt, constant) = transition(constant, constant) = bias.keep;
-    noise(constant, constant) = noise(constant, tilt) = noise(tilt, constant) = bias.variance;
-    noise(tilt, tilt) = bias.variance + white;
-  }
-
+  process_model_height_and_tilt(prediction, dt);
   process_model_heading(prediction, measured_heading_rad, dt);
 
   now = (transition * mean_).eval();
@@ -342,6 +515,27 @@ FlightPrediction FlightFilter::process_model(const TelemetryInterval& interval) 
   return prediction;
 }
 
+void FlightFilter::process_model_height_and_tilt(FlightPrediction& prediction, double dt) const {
+  auto& [now, transition, noise] = prediction;
+  const double agl_variance = uncertainty_.agl_relative * uncertainty_.agl_relative;
+  const GaussMarkov height = gauss_markov(
+      agl_variance, first_ ? 1 : std::sqrt(1 - model::kHeightInnovationShare * model::kHeightInnovationShare));
+  transition(log_height, log_height) = height.keep;
+  noise(log_height, log_height) = height.variance;
+
+  const double tilt_variance = uncertainty_.tilt_rad * uncertainty_.tilt_rad;
+  const double drift_s = tilt_logged_ ? model::kTiltTimeLogged_s : model::kTiltTimeUnlogged_s;
+  const GaussMarkov bias = gauss_markov(tilt_variance, std::exp(-dt / drift_s));
+  const double white = white_tilt_sigma_rad() * white_tilt_sigma_rad();
+  for (int axis = 0; axis < 2; ++axis) {
+    const int tilt = pitch + axis, constant = pitch_bias + axis;
+    transition(tilt, tilt) = 0;
+    transition(tilt, constant) = transition(constant, constant) = bias.keep;
+    noise(constant, constant) = noise(constant, tilt) = noise(tilt, constant) = bias.variance;
+    noise(tilt, tilt) = bias.variance + white;
+  }
+}
+
 // The deviation depends on the course: the error on this course and on the one 90 degrees to the right predict it.
 void FlightFilter::process_model_heading(FlightPrediction& prediction,
                                          const std::optional<double>& measured_heading_rad, double dt) const {
@@ -351,6 +545,21 @@ void FlightFilter::process_model_heading(FlightPrediction& prediction,
     return;
   }
   const double turn = last_measured_heading_rad_ ? *measured_heading_rad - *last_measured_heading_rad_ : 0;
+  const double deviation_variance = process_model_deviation(prediction, turn, dt);
+  const double c = transition(deviation, deviation), s = transition(deviation, deviation_quadrature);
+
+  const double white_rad = model::kWhiteHeadingShare * uncertainty_.heading_rad;
+  transition(heading, heading) = 0;
+  transition(heading, heading_bias) = 1;
+  transition(heading, deviation) = c;
+  transition(heading, deviation_quadrature) = s;
+  noise(heading, heading) = deviation_variance + white_rad * white_rad;
+  noise(heading, deviation) = noise(deviation, heading) = deviation_variance;
+}
+
+// Returns the variance of its innovation.
+double FlightFilter::process_model_deviation(FlightPrediction& prediction, double turn, double dt) const {
+  auto& [now, transition, noise] = prediction;
   const double deviation_rad = model::kDeviationShare * uncertainty_.heading_rad;
   const GaussMarkov deviation_process =
       gauss_markov(deviation_rad * deviation_rad, std::exp(-dt / model::kDeviationTime_s));
@@ -359,14 +568,7 @@ void FlightFilter::process_model_heading(FlightPrediction& prediction,
   transition(deviation, deviation_quadrature) = s;
   transition(deviation_quadrature, deviation) = -s;
   noise(deviation, deviation) = noise(deviation_quadrature, deviation_quadrature) = deviation_process.variance;
-
-  const double white_rad = model::kWhiteHeadingShare * uncertainty_.heading_rad;
-  transition(heading, heading) = 0;
-  transition(heading, heading_bias) = 1;
-  transition(heading, deviation) = c;
-  transition(heading, deviation_quadrature) = s;
-  noise(heading, heading) = deviation_process.variance + white_rad * white_rad;
-  noise(heading, deviation) = noise(deviation, heading) = deviation_process.variance;
+  return deviation_process.variance;
 }
 
 template <int Rows>
@@ -377,6 +579,18 @@ void FlightFilter::update_joint(const Eigen::Matrix<double, Rows, kJoint>& row,
   const Eigen::Matrix<double, Rows, kJoint> observed = product(row, joint);
   const Eigen::Matrix<double, Rows, Rows> spread = product_transposed(observed, row) + noise;
   const Eigen::Matrix<double, kJoint, Rows> gain = spread.ldlt().solve(observed).transpose();
+  if (inertial_) {
+    Eigen::Matrix<double, kJoint, kErrors> cross;
+    cross << inertial_->cross_before, inertial_->cross;
+    const Eigen::Matrix<double, Rows, kErrors> seen = product(row, cross);
+    const Eigen::Matrix<double, kErrors, Rows> inertial_gain = spread.ldlt().solve(seen).transpose();
+    cross -= product(gain, seen);
+    inertial_->cross_before = cross.template topRows<states>();
+    inertial_->cross = cross.template bottomRows<states>();
+    inertial_->covariance -= product(inertial_gain, seen);
+    inertial_->covariance = (0.5 * (inertial_->covariance + inertial_->covariance.transpose())).eval();
+    move_inertial(inertial_gain * innovation);
+  }
   both += gain * innovation;
   const JointCovariance left = JointCovariance::Identity() - product(gain, row);
   joint = congruence(left, joint) + congruence(gain, noise);
@@ -401,11 +615,12 @@ Eigen::Vector2d FlightFilter::update_relative(const RelativeMotionMeasurement& m
 }
 
 // m: the displacement that scale and heading act on (east, north; m).
-void FlightFilter::apply_relative_motion(const RelativeMotionMeasurement& measurement, const Eigen::Vector2d& m) {
+std::pair<FlightFilter::Motion8Row, FlightFilter::Motion8> FlightFilter::relative_innovation(
+    const RelativeMotionMeasurement& measurement, const Eigen::Vector2d& m) const {
   constexpr int b = 0, n = states;  // the frame before, and now
   // z = H · (before, now) + offset, linear about the attitude and height that the front end worked with.
-  Eigen::Matrix<double, 8, kJoint> row = Eigen::Matrix<double, 8, kJoint>::Zero();
-  Eigen::Matrix<double, 8, 1> offset = Eigen::Matrix<double, 8, 1>::Zero();
+  Motion8Row row = Motion8Row::Zero();
+  Motion8 offset = Motion8::Zero();
   for (int axis = 0; axis < 2; ++axis) {
     row(axis, n + east + axis) = 1;
     row(axis, b + east + axis) = -1;
@@ -422,9 +637,42 @@ void FlightFilter::apply_relative_motion(const RelativeMotionMeasurement& measur
   row(4, b + pitch) = row(5, b + roll) = row(6, n + pitch) = row(7, n + roll) = 1;
   offset.tail<4>() << -measurement.before.pitch_rad, -measurement.before.roll_rad, -measurement.now.pitch_rad,
       -measurement.now.roll_rad;
-  Eigen::Matrix<double, 8, 1> innovation = measurement.value - row * joint_->first - offset;
+  Motion8 innovation = measurement.value - row * joint_->first - offset;
   innovation[3] = wrap_pi(innovation[3]);
+  return {row, innovation};
+}
+
+void FlightFilter::apply_relative_motion(const RelativeMotionMeasurement& measurement, const Eigen::Vector2d& m) {
+  const auto [row, innovation] = relative_innovation(measurement, m);
   update_joint<8>(row, innovation, measurement.covariance);
+}
+
+double FlightFilter::motion_chi2(const RelativeMotionMeasurement& measurement) const {
+  if (!joint_) return 0;
+  const auto [row, innovation] = relative_innovation(measurement, measurement.value.head<2>());
+  const Eigen::Matrix<double, 8, 8> spread =
+      product_transposed(product(row, joint_->second), row) + measurement.covariance;
+  constexpr int of[] = {0, 1, 3};  // displacement and turn
+  Eigen::Matrix3d part;
+  Eigen::Vector3d off;
+  for (int i = 0; i < 3; ++i) {
+    off[i] = innovation[of[i]];
+    for (int j = 0; j < 3; ++j) part(i, j) = spread(of[i], of[j]);
+  }
+  return off.dot(part.ldlt().solve(off));
+}
+
+double FlightFilter::motion_innovation_m(const RelativeMotionMeasurement& measurement) const {
+  if (!joint_) return 0;
+  const Motion8 innovation = relative_innovation(measurement, measurement.value.head<2>()).second;
+  return hypotenuse(innovation[0], innovation[1]);
+}
+
+double FlightFilter::turn_sigma_rad() const {
+  if (!joint_) return sigma(heading);
+  const JointCovariance& joint = joint_->second;
+  constexpr int b = heading, n = states + heading;
+  return std::sqrt(std::max(0.0, joint(n, n) - joint(n, b) - joint(b, n) + joint(b, b)));
 }
 
 void FlightFilter::reset_height(double log_sigma) {
@@ -436,6 +684,7 @@ void FlightFilter::reset_height(double log_sigma) {
   };
   reset(mean_, covariance_, log_height);
   if (joint_) reset(joint_->first, joint_->second, states + log_height);
+  if (inertial_) inertial_->cross.row(log_height).setZero();
 }
 
 // The velocity was estimated with that heading and would confirm it: it is reset.
@@ -449,6 +698,7 @@ void FlightFilter::inflate_heading(double sigma_rad) {
 }
 
 void FlightFilter::reset_velocity() {
+  end_inertial();
   for (const int v : {velocity_east, velocity_north}) {
     covariance_.row(v).setZero();
     covariance_.col(v).setZero();
@@ -488,6 +738,14 @@ void FlightFilter::update_absolute(const PoseMeasurement& measurement) {
   const Eigen::Matrix<double, 6, states> observed = product(row, covariance_);
   const Eigen::Matrix<double, 6, 6> spread = product_transposed(observed, row) + measurement.covariance;
   const Eigen::Matrix<double, states, 6> gain = spread.ldlt().solve(observed).transpose();
+  if (inertial_) {
+    const Eigen::Matrix<double, 6, kErrors> seen = product(row, inertial_->cross);
+    const Eigen::Matrix<double, kErrors, 6> inertial_gain = spread.ldlt().solve(seen).transpose();
+    inertial_->cross -= product(gain, seen);
+    inertial_->covariance -= product(inertial_gain, seen);
+    inertial_->covariance = (0.5 * (inertial_->covariance + inertial_->covariance.transpose())).eval();
+    move_inertial(inertial_gain * innovation);
+  }
   const double heading_before_rad = mean_[heading];
   mean_ += gain * innovation;
   const Covariance left = Covariance::Identity() - product(gain, row);

@@ -60,6 +60,36 @@
 // Both are linear updates in Joseph's form. update_relative works on the joint density of two frames, so that the
 // earlier one is corrected as well; it stays joint until marginalize_previous().
 //
+// With an inertial sensor's samples (inertial_preintegration.hpp) the filter also carries a strapdown attitude R
+// (world, that is east, north, up, from the sensor's axes b) and biases b_g, b_a as nominal values, and their errors as
+// states:
+//
+//   e = (φ, δb_g, δb_a, δM)    R_true = Exp(φ) R, b_true = b + δb …; zero after each update, which moves the nominal
+//   values
+//
+// and the process model of velocity, position and heading becomes, with t, ΔR, Δv, Δp, J and their covariance
+// preintegrated between two moments, and the Earth's rate ω_e:
+//
+//   R'   = Exp(-ω_e t) R ΔR                    φ' = φ + R' J_Rg δb_g + R' w_φ + w_scale
+//   v'   = v + [R Δv - 2 ω_e × v t]            + [-(R Δv) × φ + R (J_vg δb_g + J_va δb_a + w_v)] + w_scale
+//   p'   = p + t v + [R Δp]                    + [-(R Δp) × φ + R (J_pg δb_g + J_pa δb_a + w_p)]
+//   ψ'   = ψ + turn of R about the vertical    - [R' J_Rg δb_g]_up + w_ψ
+//   z    = ψ_m = ψ - b_ψ - d + w               the measured heading is now a measurement
+//   0    = angles of R - (ψ, θ + θ_m, φ + φ_m) + w    at each frame: the sensor turns with the camera
+//
+// where [ ] takes the horizontal part, so that gravity's own value does not matter: what leaks into the horizontal
+// through φ is all in R Δv. A wind needs no state, and the velocity no airspeed. Level, heading and biases are learned
+// from what odometry and anchors say of position and velocity, all of which are correlated with e; a bias and a tilt
+// cannot be told apart in straight flight, and need not be. w_scale is what the sensor's scale and misalignment make of
+// a turn or of a change of velocity. The sensor's axes are the camera's: where it is mounted askew by a degree or two,
+// that is in M and b_a, which are learned. With the last equation the tilt no longer changes from frame to frame as it
+// pleases, and odometry measures velocity far better. The filter begins so at the first frame that has samples, heading
+// and tilt, and ends where samples are missing; the velocity is then predicted as above, and the biases are kept for
+// the next beginning. e is no state of the frame before: blocks P_xe and P_ee are added to the covariance of x, whose
+// own equations are the same with G e as a further input (a Schmidt-Kalman filter's partition, with e updated as well).
+// Without samples there is no e, and nothing of the above changes. The smoother works on x alone: between frames it
+// takes G e for noise.
+//
 // One frame: propagate() for each interval of a long way to it, predict(), then update_relative() if odometry tracked
 // it, then update_absolute() if a match with the map was accepted. smoothed() is Rauch-Tung-Striebel's smoother.
 // Noise and its origins: localizer_parameters.hpp (telemetry, flight_filter, FlightFilterOptions).
@@ -70,6 +100,7 @@
 #include <vector>
 
 #include "estimation/pose_measurements.hpp"
+#include "estimation/strapdown_step.hpp"
 #include "estimation/telemetry.hpp"
 #include "vision/camera.hpp"
 #include "vision/localizer_parameters.hpp"
@@ -116,6 +147,27 @@ class FlightFilter {
   // roll for this frame. imu_dv_mps: Telemetry's; with it the velocity's only noise is what the camera file states.
   void predict(double seconds, std::optional<double> measured_heading_rad, bool tilt_measured = true,
                const std::optional<Eigen::Vector2d>& imu_dv_mps = std::nullopt);
+  // The same two by the inertial sensor, which must have begun: over a part of the way to a frame, and to it.
+  void propagate(const PreintegratedMotion& motion);
+  void predict(const PreintegratedMotion& motion, std::optional<double> measured_heading_rad,
+               const std::optional<Eigen::Vector2d>& measured_tilt_rad);
+  // After predict(): from the current frame on there are samples of an inertial sensor. measured_tilt_rad: pitch and
+  // roll that the states are beyond. Does nothing while the heading is unknown, and after the sensor was refused too
+  // often.
+  void begin_inertial(const Eigen::Vector2d& measured_tilt_rad);
+  // Images contradict it: the velocity is unknown, the position off by this σ, and the biases begin anew.
+  void refuse_inertial(double sigma_m);
+  // Where the flight is, for the Earth's rate.
+  void set_latitude(double latitude_rad);
+  bool inertial() const { return inertial_.has_value(); }
+  InertialCalibration inertial_calibration() const {
+    return inertial_ ? inertial_->calibration : InertialCalibration{};
+  }
+  // Mahalanobis distance² of what odometry says of displacement and turn (three degrees of freedom) to the prediction.
+  double motion_chi2(const RelativeMotionMeasurement& measurement) const;
+  // Of the measured displacement, beyond the predicted one.
+  double motion_innovation_m(const RelativeMotionMeasurement& measurement) const;
+  double turn_sigma_rad() const;  // of the heading's change since the last frame
   // After predict(): this frame's measured height has another source than the last one's (or is assumed), so that
   // nothing estimated of the old one's error holds. log_sigma: of λ.
   void reset_height(double log_sigma);
@@ -155,10 +207,37 @@ class FlightFilter {
   using JointState = Eigen::Matrix<double, kJoint, 1>;
   using JointCovariance = Eigen::Matrix<double, kJoint, kJoint>;
 
+  using Motion8 = Eigen::Matrix<double, 8, 1>;
+  using Motion8Row = Eigen::Matrix<double, 8, kJoint>;
+  static constexpr int kErrors = StrapdownStep::kErrors;
+  using InertialError = Eigen::Matrix<double, kErrors, 1>;
+  using InertialCross = Eigen::Matrix<double, states, kErrors>;
+
+  struct Inertial {
+    Eigen::Matrix3d world_from_sensor;  // R
+    InertialCalibration calibration;
+    StrapdownStep::ErrorMatrix covariance;               // of e
+    InertialCross cross;                                 // of the current frame's state with e
+    InertialCross cross_before = InertialCross::Zero();  // of the last frame's, while both are joint
+  };
+  struct CalibrationPrior {
+    InertialCalibration mean;
+    Eigen::Matrix<double, kErrors, 1> variance;
+  };
+
   struct Link;
+  void propagate_joint(const PreintegratedMotion& motion, bool tilt_measured);
+  void update_measured_heading(double measured_heading_rad);
+  void update_attitude(const Eigen::Vector2d& measured_tilt_rad, double rate_rad_s);
+  void move_inertial(const InertialError& error);
+  void end_inertial();
+  std::pair<Motion8Row, Motion8> relative_innovation(const RelativeMotionMeasurement& measurement,
+                                                     const Eigen::Vector2d& m) const;
   TelemetryInterval with_silence(TelemetryInterval interval);
   void propagate_joint(const TelemetryInterval& interval, bool tilt_measured);
   FlightPrediction process_model(const TelemetryInterval& interval);
+  void process_model_height_and_tilt(FlightPrediction& prediction, double dt) const;
+  double process_model_deviation(FlightPrediction& prediction, double turn, double dt) const;
   void process_model_heading(FlightPrediction& prediction, const std::optional<double>& measured_heading_rad,
                              double dt) const;
   void marginalize_previous();
@@ -186,6 +265,11 @@ class FlightFilter {
   double usual_seconds_ = 1;  // between frames
   double tilt_scatter_sum_;   // of the white tilt's variance, weighted by its information; begins with the prior
   double tilt_scatter_weight_;
+
+  std::optional<Inertial> inertial_;
+  std::optional<CalibrationPrior> calibration_prior_;           // of an earlier stretch with samples
+  Eigen::Vector3d earth_rate_rad_s_ = Eigen::Vector3d::Zero();  // east, north, up
+  int inertial_refused_ = 0;
 
   // The last frame and the current one (or a point between them), until update_absolute() or the next frame.
   std::optional<std::pair<JointState, JointCovariance>> joint_;

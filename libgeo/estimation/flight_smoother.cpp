@@ -67,15 +67,30 @@ double contradiction_chi2(const PoseMeasurement& anchor, const FlightFilter::Smo
 }  // namespace
 
 void propagate_to(FlightFilter& filter, const FlightStep& step) {
+  const auto& inertial = step.inertial;
+  if (filter.inertial() && !inertial.empty()) {
+    for (std::size_t i = 0; i + 1 < inertial.size(); ++i) filter.propagate(inertial[i]);
+    filter.predict(inertial.back(), step.measured_heading_rad,
+                   step.tilt_measured ? std::optional(step.reference.tilt_rad) : std::nullopt);
+    return;
+  }
   double left_s = step.seconds;
   for (const TelemetryInterval& interval : step.intervals) {
     filter.propagate(interval);
     left_s -= interval.seconds;
   }
   filter.predict(left_s, step.measured_heading_rad, step.tilt_measured, step.imu_dv_mps);
+  if (!inertial.empty() && step.tilt_measured && step.measured_heading_rad) {
+    filter.begin_inertial(step.reference.tilt_rad);
+  }
 }
 
 void propagate_over(FlightFilter& filter, const FlightStep& outlier, const FlightStep& step) {
+  if (filter.inertial() && !outlier.inertial.empty()) {
+    for (const PreintegratedMotion& motion : outlier.inertial) filter.propagate(motion);
+    propagate_to(filter, step);
+    return;
+  }
   double left_s = outlier.seconds;
   for (const TelemetryInterval& interval : outlier.intervals) {
     filter.propagate(interval);
@@ -92,6 +107,7 @@ Eigen::Vector2d update_with(FlightFilter& filter, const FlightStep& step,
                             const std::optional<RelativeMotionMeasurement>& motion, bool with_anchor) {
   Eigen::Vector2d past_correction_m = Eigen::Vector2d::Zero();
   if (step.height_reset_sigma) filter.reset_height(*step.height_reset_sigma);
+  if (step.inertial_refused_sigma_m) filter.refuse_inertial(*step.inertial_refused_sigma_m);
   if (motion) past_correction_m = filter.update_relative(*motion);
   if (step.contradicted_turn_rad) filter.inflate_heading(*step.contradicted_turn_rad);
   if (step.wrong_course_sigma_m) filter.inflate_position(*step.wrong_course_sigma_m);

@@ -23,6 +23,8 @@ struct FlightStep {
   std::optional<double> measured_heading_rad;
   bool tilt_measured = true;
   std::optional<Eigen::Vector2d> imu_dv_mps;
+  std::vector<PreintegratedMotion> inertial;  // the whole way since the last frame; empty: not measured, or not whole
+  std::optional<double> inertial_refused_sigma_m;  // images contradict the inertial sensor: refuse_inertial()
   std::optional<double> height_reset_sigma;  // of the log height: its source has changed
   std::optional<RelativeMotionMeasurement> relative_motion;
   // In place of relative_motion: since the frame before the last one, which is an outlier. The filter goes on from that

@@ -193,6 +193,7 @@ struct Localizer::Impl {
   bool placed;  // the start is known, or an anchor has been accepted since
   TrackingState tracking;
   CourseAmbiguity course;
+  int inertial_contradictions = 0;  // visual motions in a row that the inertial sensor contradicts
   std::optional<LastAnchor> last_anchor;
   PlaceBelief belief;
   SearchWindow window;
@@ -307,6 +308,7 @@ double Localizer::Impl::predict(const Telemetry& plausible) {
   if (!filter) {
     const auto [position, sigma_m] = start_position();
     filter.emplace(uncertainty, telemetry.tilt_logged, position, sigma_m);
+    filter->set_latitude(radians(frame.origin().lat_deg));
     initial = filter;
   }
   FlightStep& step = steps.emplace_back();
@@ -315,6 +317,9 @@ double Localizer::Impl::predict(const Telemetry& plausible) {
   step.measured_heading_rad = plausible.heading_rad;
   step.tilt_measured = plausible.pitch_rad && plausible.roll_rad;
   step.imu_dv_mps = plausible.imu_dv_mps;
+  if (!on_gimbal && steps.size() > 1) {  // a gimbal turns without the sensor
+    step.inertial = preintegrate_parts(plausible.inertial, plausible.time_s - seconds, plausible.time_s);
+  }
   step.reference = reference;
   propagate_to(*filter, step);
   if (!telemetry.height_steady) {
@@ -375,6 +380,8 @@ OdometryFrame Localizer::Impl::odometry_frame(const cv::Mat& grey) const {
   seen.heading_sigma_rad = telemetry.last.heading_rad
                                ? std::max(kMinTurnSigma_rad, kTurnSigmaShare * uncertainty.heading_rad)
                                : kUnknownTurnSigma_rad;
+  if (filter->inertial())
+    seen.heading_sigma_rad = std::max(parameters::inertial::kLeastTurnSigma_rad, filter->turn_sigma_rad());
   seen.tilt_sigma_rad = filter->white_tilt_sigma_rad();
   // An unknown slope of the ground tilts both images alike, as an unknown boresight does.
   const double slope = surface->relief_sigma_m() / footprint;
@@ -404,6 +411,14 @@ bool Localizer::Impl::update_with_odometry(const OdometryFrame& seen, OdometryRe
   FlightStep& step = steps.back();
   if (exceeds_reach(*filter, report.step_m, step.seconds, footprint_m())) return false;
   const RelativeMotionMeasurement measurement = measured_motion(*motion, seen);
+  if (contradicts_inertial(*filter, measurement)) {
+    if (++inertial_contradictions < parameters::inertial::kRefusedInARow) return false;
+    inertial_contradictions = 0;
+    step.inertial_refused_sigma_m = parameters::inertial::kRefusedInARow * filter->motion_innovation_m(measurement);
+    filter->refuse_inertial(*step.inertial_refused_sigma_m);
+    return false;
+  }
+  inertial_contradictions = 0;
   const double turn_rad = std::abs(wrap_pi(measurement.value[3]));
   const bool contradicted = contradicts_turn(turn_rad, seen.heading_sigma_rad);
   if (contradicted) {
@@ -426,6 +441,7 @@ bool Localizer::Impl::update_with_odometry(const OdometryFrame& seen, OdometryRe
 // before it as if the last one had only brought its telemetry.
 bool Localizer::Impl::update_over_outlier(const OdometryFrame& seen, OdometryReport& report) {
   FlightStep& step = steps.back();
+  if (step.inertial_refused_sigma_m) return false;
   if (!tracking.broken() || !before_last || step.contradicted_turn_rad || step.height_reset_sigma) return false;
   const FlightStep& outlier = steps[steps.size() - 2];
   if (outlier.anchor || outlier.height_reset_sigma || outlier.contradicted_turn_rad || outlier.hint_sigma_m)
@@ -437,6 +453,7 @@ bool Localizer::Impl::update_over_outlier(const OdometryFrame& seen, OdometryRep
   const double step_m = motion->displacement_m.norm();
   if (exceeds_reach(bridged, step_m, outlier.seconds + step.seconds, footprint_m())) return false;
   const RelativeMotionMeasurement measurement = measured_motion(*motion, seen);
+  if (contradicts_inertial(bridged, measurement)) return false;
   if (contradicts_turn(std::abs(wrap_pi(measurement.value[3])), seen.heading_sigma_rad)) return false;
   report.inliers = motion->inliers;
   report.step_m = step_m;

@@ -37,6 +37,7 @@ Telemetry plausible_telemetry(Telemetry telemetry, double last_time_s) {
   keep(telemetry.roll_rad, -kMaxAngle_rad, kMaxAngle_rad);
   if (telemetry.rate_rad_s && !(telemetry.rate_rad_s->norm() <= kMaxRate_rad_s)) telemetry.rate_rad_s.reset();
   if (!std::isfinite(telemetry.time_s)) telemetry.time_s = last_time_s;
+  if (!telemetry.inertial.empty()) telemetry.inertial = usable_samples(telemetry.inertial, last_time_s);
   double seconds = telemetry.time_s > last_time_s ? telemetry.time_s - last_time_s : 1;
   if (!telemetry.intervals.empty()) {
     if (const auto intervals_s = plausible_duration_s(telemetry.intervals, telemetry.time_s - last_time_s)) {

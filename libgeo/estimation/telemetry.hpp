@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "estimation/inertial_preintegration.hpp"
 #include "geodesy/lon_lat.hpp"
 
 namespace nadir {
@@ -34,11 +35,15 @@ struct Telemetry {
   // Turn of the camera about image-up, image-right and the optical axis (rolling, pitching, yawing), for a rolling
   // shutter alone.
   std::optional<Eigen::Vector3d> rate_rad_s{};
+  // Of an inertial sensor that turns with the camera, since the last telemetry and up to time_s, in order of time
+  // (inertial_preintegration.hpp: image-up, image-right, optical axis). With these, intervals and imu_dv_mps do not
+  // count. A caller that skips frames must keep theirs.
+  std::vector<InertialSample> inertial{};
 };
 
 // Implausible values become unknown: NaN, heights below 1 m or above 30 km, absurd angles and accelerations, intervals
-// longer than the time between the frames. An autopilot's NaN must not reach the filter, which would keep it for ever.
-// A time that is not finite becomes last_time_s.
+// longer than the time between the frames; of inertial samples only the usable ones are left. An autopilot's NaN must
+// not reach the filter, which would keep it for ever. A time that is not finite becomes last_time_s.
 Telemetry plausible_telemetry(Telemetry telemetry, double last_time_s);
 
 }  // namespace nadir

@@ -51,6 +51,10 @@ bool contradicts_turn(double turn_rad, double heading_sigma_rad) {
   return std::abs(turn_rad) > std::max(kContradictedTurn_rad, kContradictedTurnSigmas * heading_sigma_rad);
 }
 
+bool contradicts_inertial(const FlightFilter& flight, const RelativeMotionMeasurement& measurement) {
+  return flight.inertial() && flight.motion_chi2(measurement) > parameters::inertial::kMotionGate_chi2;
+}
+
 std::optional<double> CourseAmbiguity::on_step(bool turn_contradicted, double heading_sigma_rad, double step_m) {
   if (turn_contradicted) open_ = true;
   if (heading_sigma_rad < kResolvedHeading_rad) open_ = false;

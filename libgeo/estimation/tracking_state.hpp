@@ -62,6 +62,9 @@ bool exceeds_reach(const FlightFilter& flight, double step_m, double seconds, do
 // its images. turn_rad: of the images beyond the telemetry.
 bool contradicts_turn(double turn_rad, double heading_sigma_rad);
 
+// Where an inertial sensor predicts the motion: displacement and turn are beyond what both sides' noise explains.
+bool contradicts_inertial(const FlightFilter& flight, const RelativeMotionMeasurement& measurement);
+
 // After a contradicted turn the aircraft may fly another course than estimated, until the heading is known again: with
 // every step the position's σ grows by twice its length.
 class CourseAmbiguity {

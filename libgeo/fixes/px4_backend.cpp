@@ -15,7 +15,7 @@ constexpr std::array<MessageRate, 8> kPx4Streams{{
     {StreamedMessage::global_position, 5},
     {StreamedMessage::gps_raw, 5},
     {StreamedMessage::gps2_raw, 5},
-    {StreamedMessage::highres_imu, 40},
+    {StreamedMessage::highres_imu, 100},
     {StreamedMessage::estimator_status, 4},
     {StreamedMessage::distance_sensor, 5},
     {StreamedMessage::system_time, 1},

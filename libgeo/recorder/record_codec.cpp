@@ -231,6 +231,28 @@ std::vector<TelemetryInterval> decode_intervals(const flatbuffers::Vector<flatbu
   return intervals;
 }
 
+std::vector<fbs::InertialSample> encode_inertial(const std::vector<InertialSample>& samples) {
+  std::vector<fbs::InertialSample> encoded;
+  encoded.reserve(samples.size());
+  for (const InertialSample& sample : samples) {
+    const auto &rate = sample.rate_rad_s, &force = sample.force_mps2;
+    encoded.emplace_back(sample.time_s, rate.x(), rate.y(), rate.z(), force.x(), force.y(), force.z());
+  }
+  return encoded;
+}
+
+std::vector<InertialSample> decode_inertial(const flatbuffers::Vector<const fbs::InertialSample*>* table) {
+  std::vector<InertialSample> samples;
+  if (table == nullptr) return samples;
+  samples.reserve(table->size());
+  for (const fbs::InertialSample* sample : *table) {
+    samples.push_back({sample->time_s(),
+                       {sample->rate_x_rad_s(), sample->rate_y_rad_s(), sample->rate_z_rad_s()},
+                       {sample->force_x_mps2(), sample->force_y_mps2(), sample->force_z_mps2()}});
+  }
+  return samples;
+}
+
 Bytes encode(const InputRecord& input) {
   FlatBufferBuilder builder;
   const Telemetry& telemetry = input.telemetry;
@@ -241,11 +263,14 @@ Bytes encode(const InputRecord& input) {
   const auto intervals = encode_intervals(builder, telemetry.intervals);
   const Eigen::Vector3d turn = telemetry.rate_rad_s.value_or(Eigen::Vector3d::Zero());
   const fbs::TurnRate rate(turn.x(), turn.y(), turn.z());
+  // Without samples the record is the same as before there were any.
+  flatbuffers::Offset<flatbuffers::Vector<const fbs::InertialSample*>> inertial;
+  if (!telemetry.inertial.empty()) inertial = builder.CreateVectorOfStructs(encode_inertial(telemetry.inertial));
   return finish(builder, fbs::CreateInput(builder, input.index, frame, telemetry.time_s, optional(telemetry.agl_m),
                                           optional(telemetry.heading_rad), optional(telemetry.pitch_rad),
                                           optional(telemetry.roll_rad), telemetry.gps_position ? &at : nullptr, picture,
                                           input.picture_bytes, dv ? &*dv : nullptr, intervals,
-                                          telemetry.rate_rad_s ? &rate : nullptr));
+                                          telemetry.rate_rad_s ? &rate : nullptr, inertial));
 }
 
 bool decode(ByteView bytes, InputRecord& input) {
@@ -266,6 +291,7 @@ bool decode(ByteView bytes, InputRecord& input) {
   if (const auto* rate = table->rate(); rate != nullptr) {
     input.telemetry.rate_rad_s = {rate->roll_rad_s(), rate->pitch_rad_s(), rate->yaw_rad_s()};
   }
+  input.telemetry.inertial = decode_inertial(table->inertial());
   input.picture = *digest;
   input.picture_bytes = table->picture_bytes();
   return true;

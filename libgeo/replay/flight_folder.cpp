@@ -15,6 +15,7 @@
 #include "base/files.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/frame_image.hpp"
+#include "replay/inertial_file.hpp"
 #include "vision/camera_frame.hpp"
 
 namespace nadir {
@@ -64,6 +65,10 @@ Flight read_flight(const FlightPaths& paths) {
   flight.frames_folder = paths.frames;
   flight.camera = read_camera_file(paths.camera);
   flight.frames = read_telemetry(paths.telemetry);
+  const fs::path inertial = paths.telemetry.parent_path() / kInertialFile;
+  if (std::error_code error; fs::exists(inertial, error)) {
+    add_inertial(flight.frames, read_inertial(inertial), inertial);
+  }
   const std::set<std::string> images = images_in(paths.frames);
   for (const Telemetry& row : flight.frames) {
     if (!images.contains(row.frame)) {

@@ -30,7 +30,7 @@ struct Flight {
 
 struct FlightPaths {
   std::filesystem::path frames;
-  std::filesystem::path telemetry;
+  std::filesystem::path telemetry;  // and imu.csv beside it, if it exists
   std::filesystem::path camera;
 };
 

@@ -53,9 +53,19 @@ void FixedWing::step(double seconds, double lateral_mps2) {
   position_ += (velocity_ + before) / 2 * seconds;
   const Attitude last = attitude_;
   attitude_ = shaken();
-  rates_ = {wrap_pi(attitude_.roll_rad - last.roll_rad) / seconds,
-            wrap_pi(attitude_.pitch_rad - last.pitch_rad) / seconds,
-            wrap_pi(attitude_.heading_rad - last.heading_rad) / seconds};
+  rates_ = camera_rate(last, attitude_, seconds);
+  turned_ += seconds * rates_;
+  pulled_ += seconds * specific_force_mps2();
+  since_s_ += seconds;
+}
+
+FixedWing::Inertial FixedWing::take_inertial() {
+  if (!(since_s_ > 0)) return {rates_, specific_force_mps2()};
+  const Inertial mean{turned_ / since_s_, pulled_ / since_s_};
+  turned_.setZero();
+  pulled_.setZero();
+  since_s_ = 0;
+  return mean;
 }
 
 Eigen::Vector3d FixedWing::specific_force_mps2() const {

@@ -32,8 +32,14 @@ class FixedWing {
   const Eigen::Vector2d& acceleration_mps2() const { return acceleration_; }
   Eigen::Vector2d air_velocity_mps() const;
   const Attitude& attitude() const { return attitude_; }
-  const Eigen::Vector3d& rates_rad_s() const { return rates_; }  // roll, pitch, yaw
+  const Eigen::Vector3d& rates_rad_s() const { return rates_; }  // of the body about its axes: forward, right, down
   Eigen::Vector3d specific_force_mps2() const;                   // what accelerometers feel: forward, right, down
+
+  // Turn rate and specific force as a sensor with an anti-aliasing filter has them: means since the last call.
+  struct Inertial {
+    Eigen::Vector3d rate_rad_s, force_mps2;
+  };
+  Inertial take_inertial();
 
  private:
   Attitude shaken() const;
@@ -46,6 +52,8 @@ class FixedWing {
   Eigen::Vector2d velocity_, acceleration_ = Eigen::Vector2d::Zero();
   Attitude attitude_;
   Eigen::Vector3d rates_ = Eigen::Vector3d::Zero();
+  Eigen::Vector3d turned_ = Eigen::Vector3d::Zero(), pulled_ = Eigen::Vector3d::Zero();  // sums since then
+  double since_s_ = 0;
 };
 
 }  // namespace nadir

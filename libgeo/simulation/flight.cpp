@@ -13,6 +13,7 @@
 #include "imagery/codecs.hpp"
 #include "simulation/camera_sensor.hpp"
 #include "simulation/frame_renderer.hpp"
+#include "simulation/mems_imu.hpp"
 #include "simulation/telemetry_noise.hpp"
 
 namespace nadir {
@@ -58,6 +59,39 @@ CameraPlace place_of(const FlightPose& pose) { return {pose.position, enu_from_c
 // About image-up, image-right and the optical axis.
 Eigen::Vector3d rate_at(const FlightPath& path, double time_s) {
   return camera_rate(path.at(time_s - kGyroStep_s).attitude, path.at(time_s + kGyroStep_s).attitude, 2 * kGyroStep_s);
+}
+
+// Half of the difference that a velocity is: a few of the path's points.
+constexpr double kVelocityStep_s = 0.04;
+
+BodyMotion body_at(const FlightPath& path, double time_s) {
+  const Eigen::Matrix3d camera = enu_from_camera(path.at(time_s).attitude);
+  BodyMotion body{time_s, {}, {}};
+  body.enu_from_body << -camera.col(1), camera.col(0), camera.col(2);
+  const Eigen::Vector3d way = path.at(time_s + kVelocityStep_s).position - path.at(time_s - kVelocityStep_s).position;
+  body.velocity_mps = way / (2 * kVelocityStep_s);
+  return body;
+}
+
+// From the first frame to the last one, but for the ends of the path.
+std::string inertial_table(const FlightPath& path, double last_s, const SimulatedFlightOptions& options,
+                           double latitude_rad) {
+  std::string table = "time_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,accel_x_mps2,accel_y_mps2,accel_z_mps2\n";
+  MemsImu imu({}, latitude_rad, Random(options.seed).fork("inertial"), options.noise == SensorNoise::none);
+  const double end_s = std::min(last_s, path.length_m() / options.speed_mps - kVelocityStep_s);
+  std::optional<BodyMotion> before;
+  for (int i = 0;; ++i) {
+    const double time_s = kVelocityStep_s + static_cast<double>(i) / options.imu_hz;
+    if (time_s > end_s) return table;
+    const BodyMotion now = body_at(path, time_s);
+    if (before) {
+      const MeasuredRates sample = imu.measure(*before, now);
+      const auto &rate = sample.rate_rad_s, &force = sample.force_mps2;
+      table += fmt::format("{:.6f},{:.7f},{:.7f},{:.7f},{:.6f},{:.6f},{:.6f}\n", sample.time_s, rate.x(), rate.y(),
+                           rate.z(), force.x(), force.y(), force.z());
+    }
+    before = now;
+  }
 }
 
 std::string telemetry_row(const std::string& name, const MeasuredPose& measured, bool exact) {
@@ -157,6 +191,10 @@ FlightReport simulate_flight(const Mission& mission, const SimulatedFlightOption
   progress.end();
   write_file_atomic(folder / "telemetry.csv", telemetry);
   write_file_atomic(folder / "truth.csv", truth);
+  if (options.imu_hz > 0 && !poses.empty()) {
+    write_file_atomic(folder / "imu.csv",
+                      inertial_table(between, poses.back().time_s, options, radians(start.lat_deg)));
+  }
   write_file_atomic(folder / "camera.yaml", read_text_file(options.camera));
   report.frames = static_cast<int>(poses.size());
   report.duration_s = poses.empty() ? 0 : poses.back().time_s;

@@ -21,6 +21,7 @@ struct SimulatedFlightOptions {
   std::optional<int> max_frames;
   std::optional<double> interval_s;
   double speed_mps = 22;
+  int imu_hz = 0;  // samples of an inertial sensor (mems_imu.hpp) a second: imu.csv; 0: none
 };
 
 struct FlightReport {

@@ -51,6 +51,7 @@ class SimulatedAircraft {
   void move_gps(const Eigen::Vector2d& offset_m) { gps_offset_m_ = offset_m; }
   void use_gps(bool used) { gps_used_ = used; }  // PX4's EKF2_GPS_CTRL
 
+  FixedWing::Inertial take_inertial() { return body_.take_inertial(); }
   double now_s() const { return static_cast<double>(steps_) * kStep_s; }
   const FixedWing& body() const { return body_; }
   const Circuit& circuit() const { return circuit_; }

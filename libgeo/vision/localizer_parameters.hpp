@@ -336,6 +336,48 @@ inline constexpr double kLeastKnownBridge = 3.212;
 
 }  // namespace flight_filter
 
+// A MEMS sensor that the autopilot has calibrated: what the filter takes its errors for. Datasheet: TDK InvenSense
+// DS-000347, ICM-42688-P, 0.0028 deg/s/√Hz and 70 µg/√Hz (65 for x and y).
+namespace inertial {
+
+// A sample holds so long at most. ArduPlane sends 40 a second, of which two may be lost; chosen.
+inline constexpr double kMaxGap_s = 0.08;
+inline constexpr double kMaxPart_s = 1;   // preintegrated at once; chosen
+inline constexpr double kMaxWay_s = 600;  // between two frames: no calibration carries a position longer; chosen
+inline constexpr double kRateRange_rad_s = 34.5;  // saturated at ±2000 deg/s = 34.9; datasheet
+inline constexpr double kForceRange_mps2 = 155;   // saturated at ±16 g = 156.9; datasheet
+inline constexpr double kSmallAngle_rad = 1e-4;   // series instead of sines; numerical
+// White noise, of a rate per √Hz. Three times the datasheet's: an engine shakes the sensor, and RAW_IMU counts mrad/s.
+inline constexpr double kRateNoise_rad_s = 1.5e-4;
+inline constexpr double kForceNoise_mps2 = 0.02;  // likewise; thirty times the datasheet's; chosen
+// Biases at the beginning, after the autopilot's calibration: 0.6 deg/s; 20 mg, and what a mount askew by 2° makes of
+// gravity; chosen.
+inline constexpr double kRateBias_rad_s = 0.01;
+inline constexpr double kForceBias_mps2 = 0.4;
+// Their random walk per √s: 0.003 deg/s and 1 mg in 100 s, bias instability included; chosen, [blind].
+inline constexpr double kRateBiasWalk_rad_s = 5e-6;
+inline constexpr double kForceBiasWalk_mps2 = 1e-3;
+inline constexpr double kBiasKeptVarianceRatio = 4;  // of a bias, after a stretch without samples; chosen
+// Errors of scale and of the axes' angles. Datasheet: scale within 0.5 %, cross-axis sensitivity within 1.25 %; and 1°
+// of mount; chosen.
+inline constexpr double kRateScale = 0.02;
+inline constexpr double kRateScaleRest = 0.0005;  // what they leave: nonlinearity 0.1 %; chosen
+inline constexpr double kForceScale = 0.003;
+inline constexpr double kManoeuvreTurn_rad = 1.571;  // in which they add up: a quarter of a circle
+inline constexpr double kManoeuvreChange_mps = 30;   // … and what that does to the velocity
+// Of the camera's attitude at a frame against the sensor's: a soft mount, and the frame's time; chosen.
+inline constexpr double kAttitudeNoise_rad = 0.003;
+inline constexpr double kFrameTime_s = 0.015;
+inline constexpr double kLeastTurnSigma_rad = 0.002;  // of the heading between frames, for odometry's prior; chosen
+inline constexpr double kStartHeading_rad = 0.3;  // σ of the heading above which the attitude is not begun; linearity
+inline constexpr double kEarthRate_rad_s = 7.292115e-5;  // IERS 2010
+// Of a visual motion against the inertial one, three degrees of freedom: 1 in 65 000 of Gaussian ones.
+inline constexpr double kMotionGate_chi2 = 25;
+inline constexpr int kRefusedInARow = 3;     // visual motions, then it is the inertial sensor that is wrong; chosen
+inline constexpr int kMaxSensorRefused = 3;  // in a flight, then it is not used any more; chosen
+
+}  // namespace inertial
+
 namespace pose_measurement {
 
 // σ of a direction that the image does not constrain: practically infinite, yet invertible.

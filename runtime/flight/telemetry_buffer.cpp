@@ -73,6 +73,11 @@ void TelemetryBuffer::on_message(double time_s, const GroundHeight& height) {
 // Specific force, levelled with the attitude of that moment: its horizontal part is the horizontal acceleration.
 void TelemetryBuffer::on_message(double time_s, const ImuSample& sample) {
   if (sample.instance != 1) return;
+  if (const auto stamped = needs_.gimbal ? std::nullopt : stamped_s(time_s, sample.time_us)) {
+    const Vector3 &rate = sample.rate_rad_s, &pull = sample.acceleration_mps2;
+    keep(inertial_, InertialSample{*stamped, camera_rate({rate.x, rate.y, rate.z}, mount_),
+                                   camera_rate({pull.x, pull.y, pull.z}, mount_)});
+  }
   const auto aircraft = aircraft_at(time_s);
   if (!aircraft) return;
   const Eigen::Vector3d force(sample.acceleration_mps2.x, sample.acceleration_mps2.y, sample.acceleration_mps2.z);
@@ -84,6 +89,28 @@ void TelemetryBuffer::on_message(double time_s, const ImuSample& sample) {
 
 void TelemetryBuffer::on_message(double time_s, const GpsRaw& fix) {
   if (fix.fix >= GpsFix::three_d) keep(places_, TimedPlace{time_s, fix.place});
+}
+
+// Nothing of a sample that has no stamp.
+std::optional<double> TelemetryBuffer::stamped_s(double arrival_s, std::uint64_t stamp_us) {
+  if (stamp_us == 0) return std::nullopt;
+  const double stamp_s = static_cast<double>(stamp_us) * 1e-6, delay_s = arrival_s - stamp_s;
+  const double drifted_s = kClockDrift * std::max(0.0, arrival_s - imu_arrival_s_);
+  imu_arrival_s_ = arrival_s;
+  if (!imu_delay_s_ ||
+      std::abs(delay_s - *imu_delay_s_) > kMaxImuDelay_s) {  // the first one, or the autopilot restarted
+    imu_delay_s_ = delay_s;
+    inertial_.clear();
+  }
+  imu_delay_s_ = std::min(delay_s, *imu_delay_s_ + drifted_s);
+  return stamp_s + *imu_delay_s_;
+}
+
+// After the one moment and up to the other.
+std::vector<InertialSample> TelemetryBuffer::inertial_between(double from_s, double to_s) const {
+  const auto from = std::ranges::upper_bound(inertial_, from_s, {}, &InertialSample::time_s);
+  const auto to = std::ranges::upper_bound(inertial_, to_s, {}, &InertialSample::time_s);
+  return {from, std::max(from, to)};
 }
 
 std::optional<double> TelemetryBuffer::above_home_m(double time_s) const { return nearest(home_heights_, time_s); }
@@ -218,6 +245,7 @@ Telemetry TelemetryBuffer::at(double time_s) {
     for (const TelemetryInterval& interval : telemetry.intervals) from_s += interval.seconds;
     telemetry.imu_dv_mps = velocity_change(from_s, time_s);
     if (needs_.gimbal && !telemetry.imu_dv_mps) telemetry.heading_rad.reset();
+    telemetry.inertial = inertial_between(*last_time_s_, time_s);
   }
   if (needs_.turn_rate) telemetry.rate_rad_s = camera_rate_at(time_s);
   last_time_s_ = time_s;

@@ -1,9 +1,10 @@
 // The autopilot's recent telemetry, interpolated to the capture time of a frame.
 //
 // Times are our monotonic seconds of arrival: the autopilot's clock is not ours, and the delay of a usable link is some
-// milliseconds. The autopilot's fused position is not an input, only attitude, heights and accelerations. The position
-// of its real receiver is passed on for the record, from which a boresight is calibrated later; the localizer ignores
-// it.
+// milliseconds. Inertial samples alone count from the autopilot's stamps, because they are integrated: the least delay
+// that was seen takes the stamps to our clock. The autopilot's fused position is not an input, only attitude, heights
+// and accelerations. The position of its real receiver is passed on for the record, from which a boresight is
+// calibrated later; the localizer ignores it.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -21,6 +22,9 @@ inline constexpr double kMaxTelemetryInterval_s = 1;  // of the path between two
 inline constexpr double kAttitudeGap_s = 0.5;         // between the messages around a frame, or from the last one to it
 inline constexpr double kHeightGap_s = 2;
 inline constexpr double kImuGap_s = 0.15;
+// The autopilot's clock of inertial samples against ours: they come delayed by up to …, and the clocks drift apart by …
+inline constexpr double kMaxImuDelay_s = 0.5;
+inline constexpr double kClockDrift = 1e-4;
 inline constexpr double kPlaceGap_s = 1;  // between two fixes of the receiver
 
 inline constexpr double kGimbalGap_s = 0.5;   // between the gimbal's messages around a frame
@@ -71,6 +75,9 @@ class TelemetryBuffer {
     double time_s;
     LonLat place;
   };
+  std::optional<double> stamped_s(double arrival_s, std::uint64_t stamp_us);
+  std::vector<InertialSample> inertial_between(double from_s, double to_s) const;
+
   struct TimedAcceleration {  // horizontal
     double time_s;
     Eigen::Vector2d east_north_mps2;
@@ -90,6 +97,9 @@ class TelemetryBuffer {
   std::deque<TimedGimbal> gimbals_;
   std::deque<Height> home_heights_, msl_heights_, ranges_, terrain_heights_;
   std::deque<TimedAcceleration> accelerations_;
+  std::deque<InertialSample> inertial_;  // in the camera's axes
+  std::optional<double> imu_delay_s_;    // arrival less stamp, the least so far
+  double imu_arrival_s_ = 0;
   std::deque<TimedPlace> places_;
   std::optional<double> last_time_s_;
 };

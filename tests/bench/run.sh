@@ -31,6 +31,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   navigability  where a flight would anchor, predicted and flown, over simulated worlds (ten minutes; --seeds FIRST LAST, --fit)
   turns         how far off what odometry says of a turn is (two minutes)
   consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
+  blind         the camera goes blind for 15 to 60 s: how far off, with an inertial sensor and without (a minute; --flights N)
   shutter       flights by a rolling shutter, undone and ignored (three minutes; --seeds N, --readout-ms MS, --speed-mps V)
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres
   desk          stored flights and the desk: creating one, a batch of pictures, a frame, its event, an object's place, resuming (two minutes)
@@ -112,6 +113,7 @@ part() {
     safety)       one_program bench_safety && build/bin/bench_safety "$@" ;;
     flights)      one_program bench_flights && build/bin/bench_flights "$@" ;;
     consistency)  one_program bench_consistency && build/bin/bench_consistency "$@" ;;
+    blind)        one_program bench_blind && build/bin/bench_blind "$@" ;;
     turns)        one_program bench_turns && build/bin/bench_turns "$@" ;;
     shutter)      one_program nadir && python3 -B "$here/shutter.py" "$@" ;;
     smoothing)    one_program bench_smoothing && build/bin/bench_smoothing "$@" ;;

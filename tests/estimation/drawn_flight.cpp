@@ -30,17 +30,11 @@ Matrix2d clockwise(double angle) {
   return turned;
 }
 
-// Simulates the filter's own sensor model: constant and changing errors.
-struct Truth {
-  Truth(Random& random, const TelemetryUncertainty& sigma)
-      : heading_bias(random.normal(0, model::kHeadingBiasShare * sigma.heading_rad)),
-        log_height(random.normal(0, sigma.agl_relative)),
-        tilt_bias(sigma.tilt_rad * normals<2>(random)),
-        deviation(model::kDeviationShare * sigma.heading_rad * normals<2>(random)),
-        place(kStartSigma_m * normals<2>(random)),
-        wind(5 * normals<2>(random)),
-        heading(random.uniform(-kPi, kPi)),
-        velocity(wind + 20 * Vector2d(std::sin(heading), std::cos(heading))) {}
+struct Truth : DrawnTruth {
+  Truth(Random& random, const TelemetryUncertainty& sigma) : DrawnTruth(random, sigma), wind(5 * normals<2>(random)) {
+    heading = random.uniform(-kPi, kPi);
+    velocity = wind + 20 * Vector2d(std::sin(heading), std::cos(heading));
+  }
 
   void fly(Random& random, const TelemetryUncertainty& sigma, double turn, double seconds) {
     constexpr int kSmall = 20;  // steps, so that the path is an arc
@@ -49,23 +43,30 @@ struct Truth {
       velocity = wind + 20 * Vector2d(std::sin(heading), std::cos(heading));
       place += velocity * seconds / kSmall;
     }
-    log_height = std::sqrt(1 - model::kHeightInnovationShare * model::kHeightInnovationShare) * log_height +
-                 random.normal(0, model::kHeightInnovationShare * sigma.agl_relative);
-    const double keep = std::exp(-seconds / model::kTiltTimeLogged_s);
-    tilt_bias = keep * tilt_bias + std::sqrt(1 - keep * keep) * sigma.tilt_rad * normals<2>(random);
-    const double kept = std::exp(-seconds / model::kDeviationTime_s);
-    deviation = kept * (clockwise(turn) * deviation) +
-                std::sqrt(1 - kept * kept) * model::kDeviationShare * sigma.heading_rad * normals<2>(random);
+    drift(random, sigma, turn, seconds);
   }
 
-  double heading_error() const { return heading_bias + deviation.x(); }
-
-  double heading_bias, log_height;
-  Vector2d tilt_bias, deviation, place, wind;  // deviation: on this course, and on that abeam
-  double heading;
-  Vector2d velocity;
-  Vector2d tilt = Vector2d::Zero();  // beyond the telemetry's
+  Vector2d wind, velocity;
 };
+
+}  // namespace
+
+DrawnTruth::DrawnTruth(Random& random, const TelemetryUncertainty& sigma)
+    : heading_bias(random.normal(0, model::kHeadingBiasShare * sigma.heading_rad)),
+      log_height(random.normal(0, sigma.agl_relative)),
+      tilt_bias(sigma.tilt_rad * normals<2>(random)),
+      deviation(model::kDeviationShare * sigma.heading_rad * normals<2>(random)),
+      place(kStartSigma_m * normals<2>(random)) {}
+
+void DrawnTruth::drift(Random& random, const TelemetryUncertainty& sigma, double turn, double seconds) {
+  log_height = std::sqrt(1 - model::kHeightInnovationShare * model::kHeightInnovationShare) * log_height +
+               random.normal(0, model::kHeightInnovationShare * sigma.agl_relative);
+  const double keep = std::exp(-seconds / model::kTiltTimeLogged_s);
+  tilt_bias = keep * tilt_bias + std::sqrt(1 - keep * keep) * sigma.tilt_rad * normals<2>(random);
+  const double kept = std::exp(-seconds / model::kDeviationTime_s);
+  deviation = kept * (clockwise(turn) * deviation) +
+              std::sqrt(1 - kept * kept) * model::kDeviationShare * sigma.heading_rad * normals<2>(random);
+}
 
 LinearizationPoint linearized_at(const F& filter) {
   const auto& x = filter.state();
@@ -74,7 +75,7 @@ LinearizationPoint linearized_at(const F& filter) {
 
 // Tilt is seen vaguely, and the motion is as far off as that: together they are known well.
 RelativeMotionMeasurement see_motion(Random& random, const LinearizationPoint& before, const LinearizationPoint& now,
-                                     const Truth& was, const Truth& is) {
+                                     const DrawnTruth& was, const DrawnTruth& is) {
   Eigen::Matrix<double, 8, 8> spread = Eigen::Matrix<double, 8, 8>::Zero();
   spread.diagonal() << 0.4, 0.4, 0.004, 0.004, 0.026, 0.026, 0.026, 0.026;
   spread.block<2, 2>(0, 4) = -0.026 * kAgl_m * Matrix2d::Identity();
@@ -94,7 +95,7 @@ RelativeMotionMeasurement see_motion(Random& random, const LinearizationPoint& b
   return measurement;
 }
 
-PoseMeasurement see_place(Random& random, const Truth& truth, const Vector2d& off_m) {
+PoseMeasurement see_place(Random& random, const DrawnTruth& truth, const Vector2d& off_m) {
   Eigen::Matrix<double, 6, 6> spread = Eigen::Matrix<double, 6, 6>::Zero();
   spread.diagonal() << 2, 2, 0.012, 0.006, 0.017, 0.017;
   spread.topRightCorner<2, 2>() = 0.017 * kAgl_m * Matrix2d::Identity();
@@ -105,8 +106,6 @@ PoseMeasurement see_place(Random& random, const Truth& truth, const Vector2d& of
   measurement.value[3] = wrap_pi(measurement.value[3]);
   return measurement;
 }
-
-}  // namespace
 
 double normalised_error(const Vector2d& error_m, const Matrix2d& covariance_m2) {
   return error_m.dot(covariance_m2.inverse() * error_m);

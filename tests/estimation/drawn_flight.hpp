@@ -35,6 +35,28 @@ struct DrawnFlight {
 
 DrawnFlight draw_flight(Random random, const DrawnOptions& options);
 
+// ---- The sensors of such flights
+
+// A camera's place and attitude, and how wrong the telemetry is of it: constant and changing errors, as the filter's own
+// model has them.
+struct DrawnTruth {
+  DrawnTruth(Random& random, const TelemetryUncertainty& sigma);
+
+  // So much later, after a turn.
+  void drift(Random& random, const TelemetryUncertainty& sigma, double turn, double seconds);
+  double heading_error() const { return heading_bias + deviation.x(); }
+
+  double heading_bias, log_height;
+  Eigen::Vector2d tilt_bias, deviation, place;  // deviation: on this course, and on that abeam
+  double heading = 0;
+  Eigen::Vector2d tilt = Eigen::Vector2d::Zero();  // beyond the telemetry's
+};
+
+LinearizationPoint linearized_at(const FlightFilter& filter);
+RelativeMotionMeasurement see_motion(Random& random, const LinearizationPoint& before, const LinearizationPoint& now,
+                                     const DrawnTruth& was, const DrawnTruth& is);
+PoseMeasurement see_place(Random& random, const DrawnTruth& truth, const Eigen::Vector2d& off_m);
+
 double normalised_error(const Eigen::Vector2d& error_m, const Eigen::Matrix2d& covariance_m2);
 
 }  // namespace nadir::test

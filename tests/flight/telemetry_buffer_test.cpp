@@ -111,6 +111,46 @@ TEST(TelemetryBuffer, RatesAreThereForARollingShutterAlone) {
   EXPECT_NEAR(moving.at(0.2).rate_rad_s->y(), radians(1) / 0.04, 1e-6);
 }
 
+ImuSample stamped(double stamp_s, double rate_rad_s = 0) {
+  return {1, static_cast<std::uint64_t>(std::llround(stamp_s * 1e6)), {0.5, 0, -kGravity}, {rate_rad_s, 0, 0}};
+}
+
+// They count from the autopilot's stamps: messages that were held up and come at once are still a tenth of a second
+// apart.
+TEST(TelemetryBuffer, InertialSamplesCountFromTheirStamps) {
+  TelemetryBuffer buffer({radians(90), 0, 0});
+  EXPECT_TRUE(buffer.at(0.99).inertial.empty());
+  for (int i = 0; i <= 100; ++i) {
+    const double due_s = 1 + 0.01 * i, arrival_s = i >= 30 && i < 40 ? 1.4 : due_s;
+    buffer.on_message(arrival_s, stamped(500 + 0.01 * i, 0.2));
+    buffer.on_message(arrival_s, ImuSample{2, 500'000'000, {50, 0, 0}, {}});
+  }
+  const auto samples = buffer.at(1.5).inertial;
+  ASSERT_EQ(samples.size(), 51U);
+  for (std::size_t i = 1; i < samples.size(); ++i) EXPECT_NEAR(samples[i].time_s - samples[i - 1].time_s, 0.01, 1e-4);
+  EXPECT_NEAR(samples.back().time_s, 1.5, 1e-3);
+  EXPECT_NEAR(samples[7].rate_rad_s.y(), -0.2, 1e-9) << "image-up is the right wing";
+  EXPECT_NEAR(samples[7].force_mps2.y(), -0.5, 1e-9);
+  EXPECT_NEAR(samples[7].force_mps2.z(), -kGravity, 1e-9);
+  const auto rest = buffer.at(5).inertial;
+  EXPECT_EQ(samples.size() + rest.size(), 101U) << "each once";
+}
+
+TEST(TelemetryBuffer, InertialSamplesOfAnAutopilotThatRestarted) {
+  TelemetryBuffer buffer({});
+  buffer.at(0.5);
+  for (int i = 0; i < 50; ++i) buffer.on_message(1 + 0.01 * i, stamped(500 + 0.01 * i));
+  for (int i = 0; i < 50; ++i) buffer.on_message(3 + 0.01 * i, stamped(2 + 0.01 * i));
+  buffer.on_message(3.5, ImuSample{1, 0, {0, 0, -kGravity}, {}});  // without a stamp
+  const auto samples = buffer.at(4).inertial;
+  ASSERT_EQ(samples.size(), 50U) << "of the clock from before nothing is known any more";
+  EXPECT_NEAR(samples.front().time_s, 3, 1e-3);
+  TelemetryBuffer on_gimbal({}, {.gimbal = true});
+  on_gimbal.at(0.5);
+  on_gimbal.on_message(1, stamped(500));
+  EXPECT_TRUE(on_gimbal.at(2).inertial.empty()) << "the camera does not turn with the sensor";
+}
+
 TEST(TelemetryBuffer, TheMountRotatesTheCamera) {
   TelemetryBuffer buffer({radians(180), radians(0), 0});
   buffer.on_message(1, attitude(0, 10, 30));

@@ -15,6 +15,7 @@
 #include "raster/gdal_drivers.hpp"
 #include "raster/imagery_input.hpp"
 #include "replay/flight_folder.hpp"
+#include "replay/inertial_file.hpp"
 #include "replay/poses_file.hpp"
 #include "vision/camera.hpp"
 
@@ -135,6 +136,20 @@ void telemetry(std::string_view bytes) {
     for (std::size_t i = 0; i < rows.size(); ++i) {
       require(std::isfinite(rows[i].time_s), "a time that is none");
       require(i == 0 || rows[i].time_s > rows[i - 1].time_s, "rows out of the order of time");
+    }
+  });
+}
+
+void inertial(std::string_view bytes) {
+  refusing([&] {
+    const auto samples = read_inertial(scratch_file("imu.csv", bytes));
+    for (std::size_t i = 1; i < samples.size(); ++i) {
+      require(samples[i].time_s > samples[i - 1].time_s, "samples out of the order of time");
+    }
+    const double from_s = samples.front().time_s, to_s = std::min(samples.back().time_s, from_s + 10);
+    for (const PreintegratedMotion& part : preintegrate_parts(usable_samples(samples, from_s), from_s, to_s)) {
+      require(part.turn.allFinite() && part.displacement_m.allFinite() && part.covariance.allFinite(),
+              "a motion that is none");
     }
   });
 }

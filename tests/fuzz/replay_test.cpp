@@ -45,6 +45,7 @@ const std::vector<Target>& targets() {
                                        {"waypoints", fuzz::waypoints},
                                        {"camera", fuzz::camera},
                                        {"telemetry", fuzz::telemetry},
+                                       {"inertial", fuzz::inertial},
                                        {"poses", fuzz::poses},
                                        {"picture", fuzz::picture},
                                        {"shard_plan", fuzz::shard_plan},

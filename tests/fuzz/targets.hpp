@@ -29,6 +29,7 @@ void plan(std::string_view bytes);       // of QGroundControl
 void waypoints(std::string_view bytes);  // QGC WPL 110
 void camera(std::string_view bytes);
 void telemetry(std::string_view bytes);
+void inertial(std::string_view bytes);  // imu.csv, and its samples preintegrated
 void poses(std::string_view bytes);
 void terrain(std::string_view bytes);
 void matchability(std::string_view bytes);

@@ -19,6 +19,8 @@ Telemetry telemetry(Random& random) {
     if (random.chance(0.7)) stretch.heading_rad = random.normal();
     if (random.chance(0.7)) stretch.imu_dv_mps = Eigen::Vector2d(random.normal(), random.normal());
   }
+  const auto three = [&random] { return Eigen::Vector3d(random.normal(), random.normal(), random.normal()); };
+  while (random.chance(0.6)) sample.inertial.push_back({random.normal(1000, 100), three(), three()});
   if (random.chance(0.5)) sample.gps_position = LonLat{random.uniform(-180, 180), random.uniform(-90, 90)};
   return sample;
 }

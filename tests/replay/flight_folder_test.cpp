@@ -1,6 +1,7 @@
 // Inputs of a replay: what is read, and that everything wrong is refused with its place.
 #include "replay/flight_folder.hpp"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -50,6 +51,41 @@ class FlightFolder : public ::testing::Test {
 
   test::TemporaryFolder folder_;
 };
+
+constexpr const char* kInertialHeader =
+    "time_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,accel_x_mps2,accel_y_mps2,accel_z_mps2\n";
+
+TEST_F(FlightFolder, FramesGetTheInertialSamplesSinceTheOneBefore) {
+  EXPECT_TRUE(read().frames[1].inertial.empty()) << "there is no file";
+  std::string rows;
+  for (int i = -10; i < 200; ++i) rows += fmt::format("{:.2f},0.1,0.2,{:.3f},1,2,-9.8\n", i / 100.0, i / 1000.0);
+  folder_.write("imu.csv", kInertialHeader + rows);
+  const Flight flight = read();
+  EXPECT_TRUE(flight.frames[0].inertial.empty());
+  const auto& samples = flight.frames[1].inertial;
+  ASSERT_EQ(samples.size(), 150U);
+  EXPECT_EQ(samples.front().time_s, 0.01);
+  EXPECT_EQ(samples.back().time_s, 1.5);
+  EXPECT_EQ(samples.back().rate_rad_s, Eigen::Vector3d(0.1, 0.2, 0.15));
+  EXPECT_EQ(samples.back().force_mps2, Eigen::Vector3d(1, 2, -9.8));
+}
+
+TEST_F(FlightFolder, RefusesInertialSamplesThatCannotBeMeant) {
+  const auto complaint_of = [&](const std::string& text) {
+    folder_.write("imu.csv", text);
+    return complaint();
+  };
+  const std::string header = kInertialHeader;
+  EXPECT_THAT(complaint_of("time_s,gyro_x_rad_s\n0,0\n"), ::testing::HasSubstr("gyro_y_rad_s"));
+  EXPECT_THAT(complaint_of(header), ::testing::HasSubstr("no inertial samples"));
+  EXPECT_THAT(complaint_of(header + "0,0,0,0,0,0,nan\n"), ::testing::HasSubstr("imu.csv"));
+  EXPECT_THAT(complaint_of(header + "0,0,0,0,0,0,-9.8\n0,0,0,0,0,0,-9.8\n"),
+              ::testing::AllOf(::testing::HasSubstr("imu.csv:3"), ::testing::HasSubstr("order of time")));
+  EXPECT_THAT(complaint_of(header + "0,0,0,0,0,0,-9.8\n1,0,0,0,0,0,-9.8\n2,0,0,0,0,0,-9.8\n"),
+              ::testing::HasSubstr("too far apart"));
+  EXPECT_THAT(complaint_of(header + "100,0,0,0,0,0,-9.8\n100.01,0,0,0,0,0,-9.8\n"),
+              ::testing::HasSubstr("no inertial sample is of the time of the flight"));
+}
 
 TEST_F(FlightFolder, ReadsTiffFrames) {
   const cv::Mat image(48, 64, CV_8UC3, cv::Scalar(90, 120, 60));

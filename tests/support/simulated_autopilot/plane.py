@@ -21,7 +21,8 @@ class Plane:
         self.velocity = self._velocity()
         self.acceleration = (0.0, 0.0, 0.0)  # north, east, down
         self.roll, self.pitch, self.yaw = self._attitude()
-        self.rates = (0.0, 0.0, 0.0)
+        self.rates = (0.0, 0.0, 0.0)  # of the body about its axes: forward, right, down
+        self._inertial = []
 
     def step(self, dt, lateral_acceleration, wanted_altitude):
         """lateral_acceleration: m/s² to the right, as the guidance wants it."""
@@ -41,7 +42,16 @@ class Plane:
         self.east += (self.velocity[1] + before[1]) / 2 * dt
         self.altitude -= (self.velocity[2] + before[2]) / 2 * dt
         self.roll, self.pitch, self.yaw = self._attitude()
-        self.rates = tuple(wrap(now - then) / dt for now, then in zip((self.roll, self.pitch, self.yaw), attitude_before))
+        turned = [wrap(now - then) / dt for now, then in zip((self.roll, self.pitch, self.yaw), attitude_before)]
+        self.rates = body_rates(turned, self.roll, self.pitch)
+        self._inertial.append((*self.specific_force(), *self.rates))
+        del self._inertial[:-50]
+
+    def take_inertial(self):
+        """Specific force and turn rate as a sensor with an anti-aliasing filter has them: means since the last call."""
+        taken, self._inertial = self._inertial or [(*self.specific_force(), *self.rates)], []
+        means = [sum(column) / len(taken) for column in zip(*taken)]
+        return means[:3], means[3:]
 
     def specific_force(self):
         """What accelerometers feel, in body axes (forward, right, down)."""
@@ -57,6 +67,13 @@ class Plane:
     def _attitude(self):
         pitch = math.asin(max(-0.5, min(0.5, self.climb / self.airspeed))) + ANGLE_OF_ATTACK
         return (self.bank + self.shake[0].value, pitch + self.shake[1].value, wrap(self.heading + self.shake[2].value))
+
+
+def body_rates(turned, roll, pitch):
+    """The turn about the body's axes, from the rates of roll, pitch and yaw."""
+    r, p, y = turned
+    return (r - y * math.sin(pitch), p * math.cos(roll) + y * math.cos(pitch) * math.sin(roll),
+            -p * math.sin(roll) + y * math.cos(pitch) * math.cos(roll))
 
 
 def rotate_to_body(vector, roll, pitch, yaw):

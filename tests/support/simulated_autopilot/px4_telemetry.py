@@ -30,8 +30,9 @@ class Px4Telemetry(Telemetry):
 
     def highres_imu(self):
         v = self.vehicle
-        force = [f + b for f, b in zip(v.plane.specific_force(), v.imu_bias())]
-        return dialect.MAVLink_highres_imu_message(v.boot_ms() * 1000, *force, *v.plane.rates, 0, 0, 0, 950, 3,
+        pull, rates = v.plane.take_inertial()
+        force = [f + b for f, b in zip(pull, v.imu_bias())]
+        return dialect.MAVLink_highres_imu_message(v.boot_ms() * 1000, *force, *rates, 0, 0, 0, 950, 3,
                                                    v.navigation.altitude(), 21, 0xFFFF)
 
     def estimator_status(self):

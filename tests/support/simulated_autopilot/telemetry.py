@@ -113,8 +113,9 @@ class Telemetry:
 
     def raw_imu(self):
         v = self.vehicle
-        force = [round((f + b) / 9.80665 * 1000) for f, b in zip(v.plane.specific_force(), v.imu_bias())]
-        rates = [round(rate * 1000) for rate in v.plane.rates]
+        pull, turned = v.plane.take_inertial()
+        force = [round((f + b) / 9.80665 * 1000) for f, b in zip(pull, v.imu_bias())]
+        rates = [round(rate * 1000) for rate in turned]
         clipped = [within(number, -32768, 32767) for number in (*force, *rates)]
         return dialect.MAVLink_raw_imu_message(v.boot_ms() * 1000, *clipped, 0, 0, 0, 0, 3500)
 

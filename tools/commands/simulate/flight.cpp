@@ -37,7 +37,8 @@ class SimulateFlightCommand final : public Command {
 std::string_view SimulateFlightCommand::details() const {
   return R"(Flies the mission's route over a georeferenced raster and takes nadir images: turns are rounded and
 banked, the airframe sways, lens, shutter and sensor leave their artefacts. OUT receives frames/,
-telemetry.csv, truth.csv and camera.yaml, as `nadir replay` reads them.
+telemetry.csv, truth.csv and camera.yaml, as `nadir replay` reads them; with --imu-hz imu.csv too, of a
+MEMS sensor.
 
 With --noise real the telemetry has the errors of real sensors, according to the camera file's
 uncertainty; with --noise none images and telemetry are exact.)";
@@ -60,6 +61,8 @@ void SimulateFlightCommand::setup(Options& options) {
       .formerly("--frames");
   options.value("--interval-s", options_.interval_s, "S", "time between frames; default: 70 % overlap")
       .between(0.01, 3600);
+  options.value("--imu-hz", options_.imu_hz, "N", "samples a second of an inertial sensor; default: none")
+      .between(20, 1000);
   options.value("--speed-mps", options_.speed_mps, "V", "ground speed").between(1, 300);
 }
 

@@ -160,7 +160,7 @@ void LoopAutopilot::send(End& end, const IncomingMessage& message) {
   if (const auto bytes = encode_from_autopilot(type_, message, kAutopilot, end.sequence++)) end.transport->send(*bytes);
 }
 
-std::optional<IncomingMessage> LoopAutopilot::message_of(StreamedMessage kind) const {
+std::optional<IncomingMessage> LoopAutopilot::message_of(StreamedMessage kind) {
   const FixedWing& body = aircraft_.body();
   const auto boot_ms = static_cast<std::uint32_t>((aircraft_.now_s() + kBootedBefore_s) * 1000);
   const Attitude attitude = aircraft_.estimated_attitude();
@@ -197,8 +197,10 @@ std::optional<IncomingMessage> LoopAutopilot::message_of(StreamedMessage kind) c
       return raw;
     }
     case StreamedMessage::raw_imu:
-    case StreamedMessage::highres_imu:
-      return ImuSample{1, boot_ms * 1000ULL, vector3(body.specific_force_mps2()), vector3(body.rates_rad_s())};
+    case StreamedMessage::highres_imu: {
+      const FixedWing::Inertial mean = aircraft_.take_inertial();
+      return ImuSample{1, boot_ms * 1000ULL, vector3(mean.force_mps2), vector3(mean.rate_rad_s)};
+    }
     case StreamedMessage::ekf_status:
       return EkfStatus{.attitude = true,
                        .horizontal_velocity = true,

@@ -51,7 +51,7 @@ class LoopAutopilot {
   void obey(const CommandLong& command, MavlinkAddress sender);
   void answer_parameter(const std::string& name);
   void send(End& end, const IncomingMessage& message);
-  std::optional<IncomingMessage> message_of(StreamedMessage kind) const;
+  std::optional<IncomingMessage> message_of(StreamedMessage kind);
 
   AutopilotType type_;
   SimulatedAircraft& aircraft_;
