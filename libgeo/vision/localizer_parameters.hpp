@@ -12,6 +12,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <numbers>
 
 namespace nadir {
@@ -425,6 +426,31 @@ inline constexpr double kUnmeasuredHeightSigma = 0.3;  // log height, no height 
 inline constexpr double kSlopeBaselineDivisor = 3;  // footprint over the distance to each side that slope is taken over
 
 }  // namespace tracking
+
+// The second map matcher: descriptors of a network in the place of oriented channels.
+namespace learned_matching {
+
+inline constexpr std::int64_t kMaxModelBytes = 64 << 20;  // of a model's file; XFeat has 3 MB; chosen
+inline constexpr std::size_t kMaxTensorSides = 8;         // dimensions of a model's input or output; chosen
+inline constexpr std::size_t kMaxTensors = 16;            // inputs or outputs of a model; chosen
+inline constexpr std::int64_t kMinDescriptorChannels = 4, kMaxDescriptorChannels = 256;  // of a descriptor; chosen
+inline constexpr int kDescribedPart_px = 768;    // side of what a network is shown at once: bounds its memory; chosen
+inline constexpr int kDescribedMargin_px = 64;   // of a part, described and left out: what XFeat sees around a cell
+inline constexpr double kLeastCellShare = 0.9;   // of a cell's pixels that are valid; chosen
+inline constexpr float kDescriptorScale = 2.0F;  // unit vectors as channels of the order of 1; numerical
+// Of a frame's longer side: as prototypes matched best, 0.45 to 0.5 m a pixel from 100 to 120 m.
+inline constexpr double kDescribedFrame_px = 256;
+inline constexpr int kPrincipalChannels = 16;       // that are correlated
+inline constexpr double kDescribedTurn_rad = 0.16;  // a description serves headings up to so far: 9 degrees; chosen
+inline constexpr int kConfirmSlack_cells = 2;       // around a hypothesis of the sweep; chosen
+inline constexpr std::size_t kConfirmedPlaces = 3;  // described anew, upright; chosen
+inline constexpr int kPatch_cells = 6, kPatchStep_cells = 3;       // of patches; 48 px as those of oriented channels
+inline constexpr int kPatchSearch_cells = 2;                       // a patch may lie so far off; chosen
+inline constexpr std::array<double, 2> kInlierCells = {1.0, 0.5};  // of a patch's residual, by round; chosen
+
+inline constexpr int kNetworkTrials = 3;  // that are timed; chosen
+
+}  // namespace learned_matching
 
 namespace belief {
 

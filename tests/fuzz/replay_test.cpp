@@ -51,6 +51,7 @@ const std::vector<Target>& targets() {
                                        {"tile_rows", fuzz::tile_rows},
                                        {"cog", fuzz::cog},
                                        {"place_table", fuzz::place_table},
+                                       {"onnx", fuzz::onnx},
                                        {"api_hint", fuzz::api_hint},
                                        {"api_object", fuzz::api_object},
                                        {"api_request", fuzz::api_request},

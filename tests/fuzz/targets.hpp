@@ -35,6 +35,7 @@ void matchability(std::string_view bytes);
 void vectors(std::string_view bytes);  // roads, water, woods and buildings of a package
 void vrt(std::string_view bytes);      // and what it names, before GDAL sees it
 void picture(std::string_view bytes);  // JPEG, PNG, WebP, TIFF
+void onnx(std::string_view bytes);     // the description of a descriptor network
 
 void mbtiles(std::string_view bytes);    // a file's bytes
 void tile_rows(std::string_view bytes);  // rows of a sound SQLite file, in any types
