@@ -33,6 +33,9 @@ void begin_thread(const char* name, ThreadPriority priority);
 // with other C libraries.
 void keep_freed_memory();
 
+// Processor time of the calling thread so far.
+double thread_processor_s();
+
 // The search path of plug-ins: the folder of the program, and ../lib/nadir of an installation.
 std::vector<std::filesystem::path> plugin_folders();
 

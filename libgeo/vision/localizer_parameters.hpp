@@ -497,6 +497,7 @@ inline constexpr double kLeastWeight = 1e-9;   // of a place that is kept; numer
 inline constexpr std::size_t kMaxPlaces = 15;  // beside the track; bounds the time
 inline constexpr int kProtectionLevelBisections = 40;  // to 1e-12 of the radius; numerical
 inline constexpr double kWorthKeeping = 2.303;         // ln 10: a lost look goes on elsewhere below; chosen
+inline constexpr double kDoubted = 0.05;       // weight beside the track: a second matcher looks as well; chosen
 inline constexpr double kUnambiguous = 6.908;  // ln 1000: needs no other look, for products of the frame; [looks]
 
 }  // namespace belief
@@ -562,6 +563,23 @@ inline constexpr double kMinCell_m = 250;  // of the table of raster positions: 
 inline constexpr double kMaxCells = 1000;  // a side; bounds the memory
 
 }  // namespace terrain
+
+// A second matcher's opinion on what the first one found.
+namespace second_opinion {
+
+inline constexpr double kAskedBelow = 6.908;  // ln ℓ of the first, ln 1000: above it needs no other look; kUnambiguous
+inline constexpr double kAgreement_cells = 2.5;  // of 8 px at the second's GSD: two places as far apart are one; chosen
+inline constexpr double kConfirmedRadius_m =
+    120;  // half side of the window around what a lost look found; as looks that were counted
+// Classes of the first's ln ℓ, and of the second's: what is above these is counted by itself; chosen.
+inline constexpr std::array<double, 2> kFirstClasses = {0.0, 3.5};
+inline constexpr double kStrong = 3.0;
+inline constexpr double kMostFrame_ms =
+    100;  // processor time to describe a frame; a look takes some twenty times as much; chosen
+// An upper bound (95 %) of a count n is n + 3 + 1.645 √n: of 0 it is 3, the rule of three.
+inline constexpr double kRuleOfThree = 3.0, kUpperSigmas = 1.645;
+
+}  // namespace second_opinion
 
 // Beyond these telemetry is garbage and becomes unknown.
 namespace plausible {

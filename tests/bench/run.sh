@@ -54,6 +54,8 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   looks         labelled looks at maps of painted and real ground (--resume FILE; seeds below 1000 train, from 1000000 on judge;
                 --matchability FILE: how often they find their place, by the matchability of the ground)
   integrity     looks that cannot be right, on unseen seeds and imagery, and misleading positions under faults (--part PART --resume FILE; hours)
+  matchers      map matchers side by side at the same looks: right, clean, CPU time, how far two err together (MODEL.onnx; an hour;
+                --write counts the table of a second matcher)
   fit-likelihood  the likelihood ratio of a look, fitted to such looks and written as a table (--looks FILE...)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).
@@ -129,6 +131,7 @@ part() {
     soak)         one_program bench_fast_nadird && build-venv/bin/python -B "$here/../e2e/soak.py" "$@" ;;
     looks)        one_program bench_looks && build/bin/bench_looks "$@" ;;
     integrity)    one_program bench_integrity && build/bin/bench_integrity "$@" ;;
+    matchers)     one_program bench_looks && one_program bench_matchers && "$here/matchers.sh" "$@" ;;
     fit-likelihood) one_program bench_fit_likelihood && build/bin/bench_fit_likelihood "$@" ;;
     *) usage >&2; exit 2 ;;
   esac
