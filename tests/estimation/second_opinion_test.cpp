@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "base/error.hpp"
+#include "bench/likelihood_fit.hpp"
 #include "base/files.hpp"
 #include "estimation/localizer_fixture.hpp"
 #include "support/onnx_writer.hpp"
@@ -270,6 +271,7 @@ TEST(SecondLikelihoodTable, IsOfANetworkThatWasMeasured) {
   if (in_force.network_sha256.empty()) GTEST_SKIP() << "NOT TESTED: no network is calibrated";
   EXPECT_TRUE(Sha256::from_hex(in_force.network_sha256));
   EXPECT_GT(in_force.look.true_looks, 100);
+  EXPECT_EQ(bench::numbers_digest(in_force.look), in_force.look.numbers_sha256) << "edited by hand";
   for (const double log_first : {-1.0, 1.0, 5.0}) {
     EXPECT_GE(outcome_evidence(in_force.first, log_first, SecondOutcome::agrees_strongly), 0);
     EXPECT_LE(outcome_evidence(in_force.first, log_first, SecondOutcome::differs_strongly), 0);

@@ -31,7 +31,7 @@ TEST(DenseDescriptors, AreUnitVectors) {
     for (int c = 0; c < 26; ++c) {
       const auto* cell = picture.cells.ptr<float>(r) + c * 8;
       double squares = 0;
-      for (int k = 0; k < 8; ++k) squares += cell[k] * cell[k];
+      for (int k = 0; k < 8; ++k) squares += static_cast<double>(cell[k] * cell[k]);
       EXPECT_NEAR(squares, 1, 1e-5);
     }
   }
@@ -123,8 +123,9 @@ TEST(PrincipalChannels, KeepTheDirectionsThatDiffer) {
     const auto *one = picture.cells.ptr<float>(0), *other = picture.cells.ptr<float>(i / 30) + (i % 30) * 6;
     const auto *kept = two.cells.ptr<float>(0), *other_kept = two.cells.ptr<float>(i / 30) + (i % 30) * 2;
     double apart = 0, kept_apart = 0;
-    for (int k = 0; k < 6; ++k) apart += (one[k] - other[k]) * (one[k] - other[k]);
-    for (int k = 0; k < 2; ++k) kept_apart += (kept[k] - other_kept[k]) * (kept[k] - other_kept[k]);
+    for (int k = 0; k < 6; ++k) apart += static_cast<double>((one[k] - other[k]) * (one[k] - other[k]));
+    for (int k = 0; k < 2; ++k)
+      kept_apart += static_cast<double>((kept[k] - other_kept[k]) * (kept[k] - other_kept[k]));
     EXPECT_NEAR(kept_apart, apart, 1e-4 + 1e-4 * apart);
   }
   EXPECT_EQ(PrincipalChannels(picture, 6).project(picture).cells.data, picture.cells.data);

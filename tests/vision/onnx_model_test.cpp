@@ -12,11 +12,11 @@ namespace {
 using namespace test;
 using testing::HasSubstr;
 
-OnnxModel read(const std::string& bytes) { return read_onnx_model(as_bytes(bytes), "tiny.onnx"); }
+OnnxModel read_model(const std::string& bytes) { return read_onnx_model(as_bytes(bytes), "tiny.onnx"); }
 
 std::string rejection(const std::string& bytes) {
   try {
-    descriptor_model(read(bytes), "tiny.onnx");
+    descriptor_model(read_model(bytes), "tiny.onnx");
     return "accepted";
   } catch (const Error& error) {
     return error.what();
@@ -24,7 +24,7 @@ std::string rejection(const std::string& bytes) {
 }
 
 TEST(OnnxModel, NamesItsTensors) {
-  const OnnxModel model = read(onnx_model());
+  const OnnxModel model = read_model(onnx_model());
   EXPECT_EQ(model.format, 8);
   EXPECT_EQ(model.operators, 13);
   EXPECT_EQ(model.producer, "nadir tests");
@@ -39,13 +39,14 @@ TEST(OnnxModel, NamesItsTensors) {
 }
 
 TEST(OnnxModel, IsADescriptorNetwork) {
-  const DescriptorModel model = descriptor_model(read(onnx_model({.input_channels = 3, .channels = 12})), "tiny.onnx");
+  const DescriptorModel model =
+      descriptor_model(read_model(onnx_model({.input_channels = 3, .channels = 12})), "tiny.onnx");
   EXPECT_EQ(model.input, "input");
   EXPECT_EQ(model.input_channels, 3);
   EXPECT_EQ(model.descriptors, "descriptors");
   EXPECT_EQ(model.channels, 12);
   // The only output may have any name.
-  EXPECT_EQ(descriptor_model(read(onnx_model({.output = "features"})), "tiny.onnx").descriptors, "features");
+  EXPECT_EQ(descriptor_model(read_model(onnx_model({.output = "features"})), "tiny.onnx").descriptors, "features");
 }
 
 // Before format 4 the constants were listed as inputs as well.
@@ -54,7 +55,7 @@ TEST(OnnxModel, ConstantsAreNoInputs) {
   weights.text(8, "weights");
   value.text(1, "weights");
   graph.message(11, value).message(5, weights);
-  EXPECT_TRUE(read(model.number(1, 3).message(7, graph).bytes()).inputs.empty());
+  EXPECT_TRUE(read_model(model.number(1, 3).message(7, graph).bytes()).inputs.empty());
 }
 
 TEST(OnnxModel, SaysWhatIsWrongWithANetwork) {
@@ -75,7 +76,7 @@ TEST(OnnxModel, RejectsWhatIsNoModel) {
 TEST(OnnxModel, RejectsEveryBeginningOfAModel) {
   const std::string whole = onnx_model({.channels = 4});
   std::size_t accepted = 0;
-  for (std::size_t size = 0; size < whole.size(); size += size + 40 < whole.size() ? 7 : 1) {
+  for (std::size_t size = 0; size < whole.size(); size += size + 40 < whole.size() ? std::size_t{7} : std::size_t{1}) {
     const std::string cut = whole.substr(0, size);
     const std::vector<std::uint8_t> exact(cut.begin(), cut.end());
     try {
