@@ -10,10 +10,12 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/platform.hpp"
 #include "base/printable.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "cli/terminal.hpp"
+#include "estimation/second_opinion.hpp"
 #include "flight/flight_service.hpp"
 #include "nadird_client/watch.hpp"
 #include "ortho/tile_key_check.hpp"
@@ -135,6 +137,10 @@ void NadirdCommand::setup(Options& options) {
              "match to the map after this distance while the position is certain; 0: every frame")
       .between(0, 10'000)
       .formerly("--anchor-every");
+  options
+      .value("--second-matcher", second_matcher_, "WHEN",
+             "when the matcher that the airframe file names looks as well: auto, always or never")
+      .one_of({"auto", "always", "never"});
   options.value("--memory-mb", memory_mb_, "MB", "memory to reserve at the start for the flight; 0: none")
       .between(0, 4096);
   options.flag("--switch-gps", flight_.switch_gps,
@@ -349,6 +355,19 @@ NadirdCommand::CheckedLink NadirdCommand::open_link() const {
   return link;
 }
 
+// The model that the airframe names. What is wrong with it is a warning: the flight goes on without.
+PartCheck NadirdCommand::open_second_matcher() {
+  flight_.second_matcher = nullptr;
+  flight_.second_matcher_use = second_matcher_use(second_matcher_).value_or(SecondMatcherUse::automatic);
+  const auto& named = flight_.airframe.matcher;
+  if (!named) return {.found = "none"};
+  if (flight_.second_matcher_use == SecondMatcherUse::never) return {.found = "not used: --second-matcher never"};
+  SecondMatcherCheck check = check_second_matcher({airframe_file_.parent_path() / named->model, named->sha256},
+                                                  plugin_folders(), thread_processor_s);
+  flight_.second_matcher = std::move(check.network);
+  return {std::move(check.found), std::move(check.findings)};
+}
+
 PartCheck NadirdCommand::check_autopilot_link() const {
   CheckedLink link = open_link();
   return check_autopilot(std::move(link.transport), flight_.airframe, std::move(link.signing), flight_clock(),
@@ -361,11 +380,12 @@ int NadirdCommand::check(Context& context) {
   if (!flight_.autopilot.empty()) complete_link();
   Opening opening = open_verified(context, package_);
   if (opening.package && request_.remembers()) request_.record_acceptance(opening.package->manifest(), opening);
-  std::string camera = "not checked: no --camera", autopilot = "not checked: no --autopilot";
+  std::string camera = "not checked: no --camera", autopilot = "not checked: no --autopilot", second_matcher;
   const auto note = [&](PartCheck part, std::string& found) {
     found = part.found;
     opening.findings.add(part.findings);
   };
+  note(open_second_matcher(), second_matcher);
   if (!flight_.camera.empty()) note(check_camera_source(), camera);
   if (!flight_.autopilot.empty()) note(check_autopilot_link(), autopilot);
   if (!opening.package || opening.findings.has_errors()) {
@@ -381,11 +401,12 @@ int NadirdCommand::check(Context& context) {
                             {"expires", to_rfc3339(manifest.expires)},
                             {"tiles", opening.package->imagery().sidecars().size()},
                             {"camera", camera},
-                            {"autopilot", autopilot}});
+                            {"autopilot", autopilot},
+                            {"second_matcher", second_matcher}});
   }
   if (!opening.findings.empty()) print_findings(context.err, opening.findings);
   Figures figures = readiness(*opening.package);
-  figures.insert(figures.end(), {{"camera", camera}, {"autopilot", autopilot}});
+  figures.insert(figures.end(), {{"camera", camera}, {"autopilot", autopilot}, {"second matcher", second_matcher}});
   print_figures(context.out, figures);
   return kAccepted;
 }
@@ -484,6 +505,10 @@ int NadirdCommand::fly(Context& context) {
     if (!choice) return kAccepted;
     if (!choice->rejected.empty()) print_findings(context.err, choice->rejected);
     if (!choice->opening.findings.empty()) print_findings(context.err, choice->opening.findings);
+    if (const PartCheck second = open_second_matcher(); !second.findings.empty()) {
+      print_findings(context.err, second.findings);
+      choice->notice += (choice->notice.empty() ? "" : "; ") + ("second matcher " + second.found);
+    }
     FlightOptions options = flight_;
     if (tile_key_refused_) options.candidates.folder.reset();
     FlightService service(options, prepared(context, *std::move(choice), accepted, clock.boot_id(), stop.token()),

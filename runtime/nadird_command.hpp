@@ -46,6 +46,7 @@ class NadirdCommand final : public Command {
   void require_service_options() const;
   void complete_link();
   Findings evaluate_airframe(const Opening& opening, const VerifyOptions& options);
+  PartCheck open_second_matcher();
   Findings evaluate_tile_key(const TrustRoot& newest_root, UtcTime at);
   Opening open_verified(Context& context, const std::filesystem::path& package);
   Opening resume(Context& context, const std::filesystem::path& package, const AcceptedPackage& accepted);
@@ -77,6 +78,7 @@ class NadirdCommand final : public Command {
   std::filesystem::path package_, airframe_file_;  // the latter empty: only its id is known
   std::string airframe_text_, airframe_notice_;
   VerifyRequest request_;
+  std::string second_matcher_{"auto"};
   int memory_mb_ = kUsualMemory_mb;
   bool check_ = false, status_ = false, unsigned_airframe_ = false, unsigned_link_ = false, tile_key_refused_ = false;
   std::vector<std::string> ground_stations_, loggers_;

@@ -1,6 +1,9 @@
 // What we ask of the operating system, the C library and the processor.
 #pragma once
 
+#include <filesystem>
+#include <vector>
+
 // Loops that gain from wide registers are compiled twice, for AVX2 and for the baseline; the loader picks what the
 // processor has. For integers, and for floating point only where each result comes from one lane: sums over lanes would
 // differ between machines.
@@ -29,5 +32,11 @@ void begin_thread(const char* name, ThreadPriority priority);
 // would return it to the system each time and take it again page by page, a tenth of the time of a replay. No effect
 // with other C libraries.
 void keep_freed_memory();
+
+// Processor time of the calling thread so far.
+double thread_processor_s();
+
+// The search path of plug-ins: the folder of the program, and ../lib/nadir of an installation.
+std::vector<std::filesystem::path> plugin_folders();
 
 }  // namespace nadir

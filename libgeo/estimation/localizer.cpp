@@ -510,6 +510,7 @@ std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
   apply_hint();
   LookContext context;
   context.prior = anchor_prior();
+  context.prior.doubted = belief.track_probability() < 1 - kDoubted;
   context.lost = lost();
   context.anchored = last_anchor && tracking.unbroken();
   context.track = {.position = filter->position(),
@@ -569,7 +570,7 @@ LostSearch Localizer::Impl::lost_search() {
 
 AnchorMatch Localizer::Impl::match_lost(const cv::Mat& grey, const AnchorPrior& prior, const LostSearch& where) const {
   const auto plausible = [&](const AnchorMatch& match) {
-    return match.solved && log_likelihood_ratio(features_of(match, prior, where.area.area_m2())) >= kWorthKeeping;
+    return match.solved && log_likelihood_ratio(match, prior, where.area.area_m2()) >= kWorthKeeping;
   };
   const auto among = [&](const SearchSuggestions& suggested) {
     return matcher->match_among(grey, prior, where.area, suggested);

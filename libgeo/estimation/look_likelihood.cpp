@@ -98,6 +98,11 @@ double log_likelihood_ratio(const LookFeatures& features) {
   return log_likelihood_ratio(features, kLookLikelihoodTable);
 }
 
+double log_likelihood_ratio(const AnchorMatch& match, const AnchorPrior& prior, double searched_area_m2) {
+  if (match.judged_log_likelihood_ratio) return *match.judged_log_likelihood_ratio;
+  return log_likelihood_ratio(features_of(match, prior, searched_area_m2));
+}
+
 std::array<double, LookFeatures::kCount + 2> evidence_by_feature(const LookFeatures& features) {
   return evidence(features, kLookLikelihoodTable);
 }

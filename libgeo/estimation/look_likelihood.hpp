@@ -73,6 +73,9 @@ LookFeatures features_of(const AnchorMatch& match, const AnchorPrior& prior, dou
 // ℓ(f), natural logarithm, within ± the table's limit.
 double log_likelihood_ratio(const LookFeatures& features);
 
+// Of a match: as its matcher has judged it, else by its features.
+double log_likelihood_ratio(const AnchorMatch& match, const AnchorPrior& prior, double searched_area_m2);
+
 // The summands of ℓ before it is limited: one for each feature, that of ψ, and the constant b, in this order. They say
 // why a look counted for much or little.
 std::array<double, LookFeatures::kCount + 2> evidence_by_feature(const LookFeatures& features);

@@ -52,7 +52,7 @@ Look look_of(const AnchorMatch& match, const LookContext& context) {
   candidate.covariance_m2 =
       anchor_model_error_factor(context.tilt_missing) * match.solved->covariance.topLeftCorner<2, 2>() +
       variance_m2 * Eigen::Matrix2d::Identity();
-  candidate.log_likelihood_ratio = log_likelihood_ratio(features_of(match, context.prior, context.window.area_m2()));
+  candidate.log_likelihood_ratio = log_likelihood_ratio(match, context.prior, context.window.area_m2());
   return look;
 }
 

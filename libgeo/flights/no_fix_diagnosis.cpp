@@ -251,7 +251,7 @@ std::optional<MapHit> NoFixExperiment::look(const TriedFrame& frame, const Hypot
     match = matcher_->match(frame.grey, prior);
   }
   if (!match.on_map || !match.solved || match.search.places.empty()) return std::nullopt;
-  const double evidence = log_likelihood_ratio(features_of(match, prior, searched_m2));
+  const double evidence = log_likelihood_ratio(match, prior, searched_m2);
   if (evidence < parameters::belief::kWorthKeeping) return std::nullopt;
   return MapHit{&frame, match.solved->pose, evidence, stated_m};
 }

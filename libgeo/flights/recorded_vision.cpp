@@ -19,6 +19,7 @@ static_assert(std::endian::native == std::endian::little, "numbers are written a
 // ---- Answers as bytes: one list of members for both directions, so that the two cannot differ.
 
 constexpr std::uint8_t kAnswersVersion = 1;
+constexpr std::uint8_t kJudgedMatch = 3;      // a kind of answer: a match whose evidence its matcher has judged
 constexpr std::uint32_t kMaxAnswers = 64;     // of a frame; a localizer asks some four questions
 constexpr std::uint32_t kMaxPlaces = 4096;    // hypotheses of a search
 constexpr std::uint32_t kMaxPatches = 65536;  // correspondences of a pose
@@ -180,7 +181,8 @@ std::optional<VisionAnswer> empty_answer(std::uint8_t kind) {
   switch (kind) {
     case 0: return FrameCheck{};
     case 1: return std::optional<OdometryStep>{};
-    case 2: return AnchorMatch{};
+    case 2:
+    case kJudgedMatch: return AnchorMatch{};
     default: return std::nullopt;
   }
 }
@@ -194,9 +196,14 @@ Bytes encode_answers(std::span<const VisionAnswer> answers) {
   auto count = static_cast<std::uint32_t>(answers.size());
   writer.number(count);
   for (VisionAnswer answer : answers) {
-    auto kind = static_cast<std::uint8_t>(answer.index());
+    const auto* match = std::get_if<AnchorMatch>(&answer);
+    const bool judged = match != nullptr && match->judged_log_likelihood_ratio;
+    auto kind = judged ? kJudgedMatch : static_cast<std::uint8_t>(answer.index());
     writer.number(kind);
     std::visit([&writer](auto& value) { members(writer, value); }, answer);
+    if (!judged) continue;
+    double log_likelihood_ratio = *match->judged_log_likelihood_ratio;
+    writer.number(log_likelihood_ratio);
   }
   return writer.take();
 }
@@ -215,6 +222,7 @@ std::optional<VisionAnswers> decode_answers(ByteView bytes) {
     auto answer = reader.good() ? empty_answer(kind) : std::nullopt;
     if (!answer) return std::nullopt;
     std::visit([&reader](auto& value) { members(reader, value); }, *answer);
+    if (kind == kJudgedMatch) reader.number(std::get<AnchorMatch>(*answer).judged_log_likelihood_ratio.emplace());
     answers.push_back(std::move(*answer));
   }
   if (!reader.at_end()) return std::nullopt;

@@ -45,6 +45,9 @@ std::string airframe_json(const Airframe& airframe) {
                                              {"direction", name_of(airframe.camera.readout->direction)}};
   }
   if (airframe.camera.on_gimbal) document["camera"]["on_gimbal"] = true;
+  if (airframe.matcher) {
+    document["matcher"] = {{"model", airframe.matcher->model}, {"sha256", airframe.matcher->sha256.hex()}};
+  }
   if (airframe.gimbal) {
     document["gimbal"] = {{"component", airframe.gimbal->component}, {"device", airframe.gimbal->device}};
   }

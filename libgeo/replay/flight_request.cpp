@@ -2,17 +2,21 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <ostream>
 #include <string>
 
 #include "base/digest.hpp"
 #include "base/error.hpp"
+#include "base/platform.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "estimation/localizer.hpp"
+#include "estimation/second_opinion.hpp"
 #include "ortho/candidate_sidecar.hpp"
 #include "recorder/record_codec.hpp"
 #include "trust/root.hpp"
+#include "vision/descriptor_matcher.hpp"
 #include "vision/place_index.hpp"
 
 namespace nadir {
@@ -72,6 +76,13 @@ void FlightRequest::declare(Options& options, Map map) {
   options.value("--matcher", matcher_, "NAME", "map matching: channels (oriented gradients)")
       .one_of({"channels"})
       .needs("--package");
+  options
+      .value("--matcher-model", matcher_model_, "FILE.onnx",
+             "a descriptor network: a second matcher, which looks where the first one is in doubt")
+      .needs("--package");
+  options.value("--second-matcher", second_matcher_, "WHEN", "when it looks: auto, always or never")
+      .one_of({"auto", "always", "never"})
+      .needs("--matcher-model");
   options.value("--recorder", recorder_, "DIR",
                 "replay a recording of the flight recorder instead of --telemetry and --camera");
   options.value("--session", session_, "ID", "of the recording, when it holds several").needs("--recorder");
@@ -171,8 +182,50 @@ std::unique_ptr<ReadyFlight> FlightRequest::open(Context& context, const std::fi
       setup.ground_msl_m = package.mission().terrain.height_m;
     }
   }
+  add_second_matcher(context, ready->recorded, setup);
   ready->setup.emplace(std::move(setup));
   return ready;
+}
+
+// A replay goes on without a second matcher that cannot be used, as a flight does.
+void FlightRequest::add_second_matcher(Context& context, const std::optional<RecordedFlight>& recorded,
+                                       ReplaySetup& setup) {
+  if (matcher_model_ && second_matcher_ != "never") {
+    const SecondMatcherUse use = second_matcher_use(second_matcher_).value_or(SecondMatcherUse::automatic);
+    const SecondMatcherCheck check =
+        check_second_matcher({*matcher_model_, std::nullopt}, plugin_folders(), thread_processor_s);
+    if (!check.findings.empty()) print_findings(context.err, check.findings);
+    if (check.network) {
+      second_setting_ = second_matcher_setting(check.network->name(), use);
+      setup.matcher = make_second_opinion(
+          {.first = setup.matcher,
+           .second = [network = check.network](const MatcherMap& map) { return make_descriptor_matcher(map, network); },
+           .use = use,
+           .on_failure =
+               [&context](const std::string& reason) {
+                 if (!context.quiet)
+                   context.err << "note: the second matcher is not asked any more: " << reason << '\n';
+               }});
+    }
+  }
+  if (!recorded) return;
+  const auto& settings = recorded->session.settings;
+  const auto then = std::find_if(settings.begin(), settings.end(),
+                                 [](const auto& setting) { return setting.first == "second_matcher"; });
+  const std::string flown = then == settings.end() ? "none" : then->second;
+  const std::string now = second_setting_ ? second_setting_->second : "none";
+  if (flown == now) return;
+  throw UsageError({.what = "the flight was recorded with another second matcher",
+                    .where = "--matcher-model",
+                    .expected = flown,
+                    .found = now,
+                    .fix = "give the same model and --second-matcher, or none where there was none"});
+}
+
+std::vector<std::pair<std::string, std::string>> FlightRequest::settings() const {
+  std::vector<std::pair<std::string, std::string>> settings = {{"odometry", odometry_}, {"matcher", matcher_}};
+  if (second_setting_) settings.push_back(*second_setting_);
+  return settings;
 }
 
 PosesSubject FlightRequest::poses_subject(const ReadyFlight& ready) const {

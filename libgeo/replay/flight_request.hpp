@@ -67,12 +67,16 @@ class FlightRequest {
   const std::optional<LonLat>& start() const { return start_; }
   const std::string& odometry() const { return odometry_; }
   const std::string& matcher() const { return matcher_; }
+  // How it was localized, for a recording; after open().
+  std::vector<std::pair<std::string, std::string>> settings() const;
 
  private:
   static constexpr std::string_view kOdometry = "features", kMatcher = "channels";
 
   Flight flight_to_fly(Context& context, const std::filesystem::path& unpacked,
                        std::optional<RecordedFlight>& recorded);
+
+  void add_second_matcher(Context& context, const std::optional<RecordedFlight>& recorded, ReplaySetup& setup);
 
   std::string command_;
   std::optional<std::filesystem::path> package_;
@@ -83,6 +87,9 @@ class FlightRequest {
   std::optional<LonLat> start_;
   std::string odometry_{kOdometry};
   std::string matcher_{kMatcher};
+  std::optional<std::filesystem::path> matcher_model_;
+  std::string second_matcher_{"auto"};
+  std::optional<std::pair<std::string, std::string>> second_setting_;  // once the model is open
   std::optional<std::filesystem::path> recorder_;
   std::optional<std::string> session_;
 };

@@ -291,8 +291,8 @@ Airframe read_airframe(const std::filesystem::path& path) {
 
 Airframe parse_airframe(std::string_view text, std::string_view name) {
   const YamlNode root = YamlNode::parse(text, name);  // JSON is YAML
-  root.allow_only(
-      {"format", "airframe", "sequence", "expires", "camera", "mount", "gimbal", "capture_delay_s", "mavlink"});
+  root.allow_only({"format", "airframe", "sequence", "expires", "camera", "mount", "gimbal", "capture_delay_s",
+                   "matcher", "mavlink"});
   if (root.required("format").text() != kFormat) root.required("format").reject("\"nadir.airframe/1\"");
   Airframe airframe;
   airframe.id = read_id(root.required("airframe"));
@@ -325,6 +325,15 @@ Airframe parse_airframe(std::string_view text, std::string_view name) {
     if (!(airframe.capture_delay_s >= 0) || airframe.capture_delay_s > kLongestDelay_s) {
       delay->reject("seconds from 0 to 5");
     }
+  }
+  if (const auto matcher = root.optional("matcher")) {
+    matcher->allow_only({"model", "sha256"});
+    airframe.matcher.emplace();
+    airframe.matcher->model = matcher->required("model").text();
+    if (airframe.matcher->model.empty()) matcher->required("model").reject("the name of an ONNX file");
+    const auto digest = Sha256::from_hex(matcher->required("sha256").text());
+    if (!digest) matcher->required("sha256").reject("64 lower-case hexadecimal digits");
+    airframe.matcher->sha256 = *digest;
   }
   if (const auto link = root.optional("mavlink")) read_link(*link, airframe);
   return airframe;

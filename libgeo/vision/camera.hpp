@@ -18,6 +18,7 @@
 #include <string_view>
 #include <vector>
 
+#include "base/digest.hpp"
 #include "base/time.hpp"
 #include "vision/localizer_parameters.hpp"
 
@@ -106,6 +107,12 @@ struct AirframeParameter {
   double value = 0;
 };
 
+// The model of a second matcher (network_plugin.hpp).
+struct AirframeMatcher {
+  std::string model;  // an ONNX file; relative to the folder of airframe.json
+  Sha256 sha256;
+};
+
 struct Airframe {
   std::string id;
   CameraFile camera;
@@ -123,6 +130,7 @@ struct Airframe {
   std::optional<std::int64_t> sequence{};
   std::optional<UtcTime> expires{};
   std::vector<AirframeParameter> parameters{};  // compared before take-off
+  std::optional<AirframeMatcher> matcher{};     // none: the first matcher is alone
   std::optional<GimbalAddress> gimbal{};        // then `mount` is the camera's on the gimbal that looks straight down
 };
 

@@ -12,6 +12,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <numbers>
 
 namespace nadir {
@@ -468,6 +469,31 @@ inline constexpr double kSlopeBaselineDivisor = 3;  // footprint over the distan
 
 }  // namespace tracking
 
+// The second map matcher: descriptors of a network in the place of oriented channels.
+namespace learned_matching {
+
+inline constexpr std::int64_t kMaxModelBytes = 64 << 20;  // of a model's file; XFeat has 3 MB; chosen
+inline constexpr std::size_t kMaxTensorSides = 8;         // dimensions of a model's input or output; chosen
+inline constexpr std::size_t kMaxTensors = 16;            // inputs or outputs of a model; chosen
+inline constexpr std::int64_t kMinDescriptorChannels = 4, kMaxDescriptorChannels = 256;  // of a descriptor; chosen
+inline constexpr int kDescribedPart_px = 768;    // side of what a network is shown at once: bounds its memory; chosen
+inline constexpr int kDescribedMargin_px = 64;   // of a part, described and left out: what XFeat sees around a cell
+inline constexpr double kLeastCellShare = 0.9;   // of a cell's pixels that are valid; chosen
+inline constexpr float kDescriptorScale = 2.0F;  // unit vectors as channels of the order of 1; numerical
+// Of a frame's longer side: as prototypes matched best, 0.45 to 0.5 m a pixel from 100 to 120 m.
+inline constexpr double kDescribedFrame_px = 256;
+inline constexpr int kPrincipalChannels = 16;       // that are correlated
+inline constexpr double kDescribedTurn_rad = 0.16;  // a description serves headings up to so far: 9 degrees; chosen
+inline constexpr int kConfirmSlack_cells = 2;       // around a hypothesis of the sweep; chosen
+inline constexpr std::size_t kConfirmedPlaces = 3;  // described anew, upright; chosen
+inline constexpr int kPatch_cells = 6, kPatchStep_cells = 3;       // of patches; 48 px as those of oriented channels
+inline constexpr int kPatchSearch_cells = 2;                       // a patch may lie so far off; chosen
+inline constexpr std::array<double, 2> kInlierCells = {1.0, 0.5};  // of a patch's residual, by round; chosen
+
+inline constexpr int kNetworkTrials = 3;  // that are timed; chosen
+
+}  // namespace learned_matching
+
 namespace belief {
 
 // P_D differs from ground to ground and from camera to camera: a beta distribution, of which a flight learns the rest.
@@ -513,6 +539,7 @@ inline constexpr double kLeastWeight = 1e-9;   // of a place that is kept; numer
 inline constexpr std::size_t kMaxPlaces = 15;  // beside the track; bounds the time
 inline constexpr int kProtectionLevelBisections = 40;  // to 1e-12 of the radius; numerical
 inline constexpr double kWorthKeeping = 2.303;         // ln 10: a lost look goes on elsewhere below; chosen
+inline constexpr double kDoubted = 0.05;       // weight beside the track: a second matcher looks as well; chosen
 inline constexpr double kUnambiguous = 6.908;  // ln 1000: needs no other look, for products of the frame; [looks]
 
 }  // namespace belief
@@ -578,6 +605,23 @@ inline constexpr double kMinCell_m = 250;  // of the table of raster positions: 
 inline constexpr double kMaxCells = 1000;  // a side; bounds the memory
 
 }  // namespace terrain
+
+// A second matcher's opinion on what the first one found.
+namespace second_opinion {
+
+inline constexpr double kAskedBelow = 6.908;  // ln ℓ of the first, ln 1000: above it needs no other look; kUnambiguous
+inline constexpr double kAgreement_cells = 2.5;  // of 8 px at the second's GSD: two places as far apart are one; chosen
+inline constexpr double kConfirmedRadius_m =
+    120;  // half side of the window around what a lost look found; as looks that were counted
+// Classes of the first's ln ℓ, and of the second's: what is above these is counted by itself; chosen.
+inline constexpr std::array<double, 2> kFirstClasses = {0.0, 3.5};
+inline constexpr double kStrong = 3.0;
+inline constexpr double kMostFrame_ms =
+    100;  // processor time to describe a frame; a look takes some twenty times as much; chosen
+// An upper bound (95 %) of a count n is n + 3 + 1.645 √n: of 0 it is 3, the rule of three.
+inline constexpr double kRuleOfThree = 3.0, kUpperSigmas = 1.645;
+
+}  // namespace second_opinion
 
 // Beyond these telemetry is garbage and becomes unknown.
 namespace plausible {

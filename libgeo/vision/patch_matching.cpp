@@ -44,24 +44,6 @@ std::vector<cv::Rect> patch_rectangles(const RectifiedFrame& frame, const Camera
   return places;
 }
 
-Eigen::Matrix2d information_of(const cv::Mat& scores, const Peak& peak, double gsd_m) {
-  const int x = static_cast<int>(std::lround(peak.x)), y = static_cast<int>(std::lround(peak.y));
-  double cross = 0;
-  if (x > 0 && y > 0 && x + 1 < scores.cols && y + 1 < scores.rows) {
-    cross = -static_cast<double>(scores.at<float>(y + 1, x + 1) - scores.at<float>(y + 1, x - 1) -
-                                 scores.at<float>(y - 1, x + 1) + scores.at<float>(y - 1, x - 1)) /
-            4;
-  }
-  // Rows grow south, north grows up: the mixed term changes its sign.
-  Eigen::Matrix2d hessian;
-  hessian << peak.curvature_x, -cross, -cross, peak.curvature_y;
-  const Eigen::Matrix2d information_px = hessian / kPatchScoreNoise;
-  const Eigen::Matrix2d covariance_px =
-      (information_px + kPatchWeakInformation * Eigen::Matrix2d::Identity()).inverse() +
-      kPatchSigmaFloor_px * kPatchSigmaFloor_px * Eigen::Matrix2d::Identity();
-  return covariance_px.inverse() / (gsd_m * gsd_m);
-}
-
 // Scores of adjacent placements, of which the first has the template's corner at `first` of the map.
 struct Scored {
   cv::Mat scores;
@@ -111,7 +93,7 @@ std::optional<PatchMatch> match_one(const BothScales& pictures, const cv::Rect& 
   if ((wide & cv::Rect(cv::Point(), pictures.map.size())) != wide) return std::nullopt;
   const Scored found = near_scores(pictures, place, search);
   Peak peak = best_peak(found.scores);
-  const Eigen::Matrix2d information_m2 = information_of(found.scores, peak, grid.gsd_m);
+  const Eigen::Matrix2d information_m2 = peak_information_m2(found.scores, peak, grid.gsd_m);
   peak.x += found.first.x - wide.x;
   peak.y += found.first.y - wide.y;
   const bool at_border = peak.x < 0.5 || peak.y < 0.5 || peak.x > 2 * search - 0.5 || peak.y > 2 * search - 0.5;
@@ -127,6 +109,24 @@ std::optional<PatchMatch> match_one(const BothScales& pictures, const cv::Rect& 
 }
 
 }  // namespace
+
+Eigen::Matrix2d peak_information_m2(const cv::Mat& scores, const Peak& peak, double gsd_m) {
+  const int x = static_cast<int>(std::lround(peak.x)), y = static_cast<int>(std::lround(peak.y));
+  double cross = 0;
+  if (x > 0 && y > 0 && x + 1 < scores.cols && y + 1 < scores.rows) {
+    cross = -static_cast<double>(scores.at<float>(y + 1, x + 1) - scores.at<float>(y + 1, x - 1) -
+                                 scores.at<float>(y - 1, x + 1) + scores.at<float>(y - 1, x - 1)) /
+            4;
+  }
+  // Rows grow south, north grows up: the mixed term changes its sign.
+  Eigen::Matrix2d hessian;
+  hessian << peak.curvature_x, -cross, -cross, peak.curvature_y;
+  const Eigen::Matrix2d information_px = hessian / kPatchScoreNoise;
+  const Eigen::Matrix2d covariance_px =
+      (information_px + kPatchWeakInformation * Eigen::Matrix2d::Identity()).inverse() +
+      kPatchSigmaFloor_px * kPatchSigmaFloor_px * Eigen::Matrix2d::Identity();
+  return covariance_px.inverse() / (gsd_m * gsd_m);
+}
 
 PatchMatches match_patches(const RectifiedFrame& frame, const CameraModel& camera, const CameraPose& pose,
                            const MapWindow& map, MapChannels& map_channels, const PatchOptions& options,

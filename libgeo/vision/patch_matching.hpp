@@ -37,6 +37,10 @@ struct PatchMatches {
   int tried = 0;  // patches that lie wholly on the frame
 };
 
+// Σ⁻¹ of the peak of a patch's scores (CV_32FC1, a pixel of side gsd_m for each placement), in 1/m². Not finite where
+// the scores have no peak.
+Eigen::Matrix2d peak_information_m2(const cv::Mat& scores, const Peak& peak, double gsd_m);
+
 // The grids of `frame` and `map` must be aligned: same GSD, whole pixels apart. The patches' centres stand on a grid in
 // the camera's image, so that they fill it whatever the heading. map_channels: the fine ones of `map`, for callers that
 // match the same ground repeatedly.

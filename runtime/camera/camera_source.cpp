@@ -108,13 +108,6 @@ std::string with_credentials(const std::string& source, const fs::path& file) {
          "@" + source.substr(authority->begin);
 }
 
-std::vector<fs::path> plugin_folders() {
-  std::error_code error;
-  const fs::path program = fs::read_symlink("/proc/self/exe", error);
-  if (error) return {};
-  return {program.parent_path(), program.parent_path().parent_path() / "lib" / "nadir"};
-}
-
 std::unique_ptr<CameraSource> open_camera(const std::string& source, const FlightClock& clock,
                                           const std::vector<fs::path>& plugins, Backlog backlog) {
   const auto after = [&](std::string_view kind) { return source.substr(kind.size()); };

@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "base/bytes.hpp"
+#include "base/platform.hpp"
 #include "service/clock.hpp"
 
 namespace nadir {
@@ -61,9 +62,6 @@ class CameraSource {
 
   virtual std::string describe() const = 0;  // "folder /data/frames"
 };
-
-// The search path of plug-ins: the folder of the program, and ../lib/nadir of an installation.
-std::vector<std::filesystem::path> plugin_folders();
 
 // Images that are in the folder when it is opened. In flight they are stale.
 enum class Backlog { skip, newest, all };

@@ -11,6 +11,7 @@
 #include "fixes/fix_stream.hpp"
 #include "mavlink/commands.hpp"
 #include "service/service_rules.hpp"
+#include "vision/descriptor_matcher.hpp"
 
 namespace nadir {
 namespace {
@@ -119,10 +120,21 @@ FlightService::~FlightService() {
 }
 
 // What the localizer starts from, and what the recorder says that it started from.
-LocalizationSetup FlightService::localization_setup() const {
+LocalizationSetup FlightService::localization_setup() {
   LocalizationSetup setup{airframe_.camera, airframe_.mount, map_->frame(),      &map_->package().imagery(),
                           options_.start,   map_->config(),  map_->plane_msl_m()};
   setup.config.anchor_every_m = options_.anchor_every_m;
+  if (options_.second_matcher) {
+    setup.config.matcher =
+        make_second_opinion({.second = [network = options_.second_matcher](
+                                           const MatcherMap& map) { return make_descriptor_matcher(map, network); },
+                             .use = options_.second_matcher_use,
+                             .on_failure =
+                                 [this](const std::string& reason) {
+                                   publish(PartReported{"second matcher", reason, 0});
+                                 }});
+    setup.settings = {second_matcher_setting(options_.second_matcher->name(), options_.second_matcher_use)};
+  }
   if (restart_.position) {
     setup.start = restart_.position->place;
     setup.config.start_sigma_m = restart_.position->sigma_m;

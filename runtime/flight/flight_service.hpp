@@ -26,6 +26,7 @@
 #include <string>
 #include <vector>
 
+#include "estimation/second_opinion.hpp"
 #include "flight/autopilot_link.hpp"
 #include "flight/camera_feed.hpp"
 #include "flight/flight_journal.hpp"
@@ -68,6 +69,8 @@ struct FlightOptions {
   ApiEndpoint api;
   std::optional<LonLat> start;
   double anchor_every_m = 0;
+  std::shared_ptr<DenseDescriptorNetwork> second_matcher;  // null: none
+  SecondMatcherUse second_matcher_use = SecondMatcherUse::automatic;
   bool switch_gps = false;              // PX4: GPS leaves its filter while it is denied or spoofed
   bool send_external_position = false;  // MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor, besides GPS_INPUT
 };
@@ -137,7 +140,7 @@ class FlightService {
   };
 
   // Start
-  LocalizationSetup localization_setup() const;
+  LocalizationSetup localization_setup();
   void make_parts(VerifiedPackage verified);
   std::unique_ptr<CameraSource> opened_camera() const;
   void start_localization();

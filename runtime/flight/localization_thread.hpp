@@ -14,7 +14,10 @@
 #include <atomic>
 #include <functional>
 #include <mutex>
+#include <string>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include "base/bytes.hpp"
 #include "estimation/localizer.hpp"
@@ -39,7 +42,8 @@ struct LocalizationSetup {
   const TileSource* tiles = nullptr;
   std::optional<LonLat> start;
   LocalizerConfig config;
-  double plane_msl_m = 0;  // of the reference plane of the surface's heights
+  double plane_msl_m = 0;                                       // of the reference plane of the surface's heights
+  std::vector<std::pair<std::string, std::string>> settings{};  // other than the defaults, for the recorder
 };
 
 class LocalizationThread {

@@ -60,6 +60,7 @@ void add_start(SessionRecord& session, const LocalizationSetup& setup, const Mis
   session.places = setup.config.places != nullptr;
   session.matchability = setup.config.matchability != nullptr;
   session.settings = {{"odometry", "features"}, {"matcher", "channels"}};  // the defaults of LocalizerConfig
+  for (const auto& [name, value] : setup.settings) session.settings.emplace_back(name, value);
 }
 
 // Each code once.

@@ -326,7 +326,7 @@ std::string numbers_digest(const LookLikelihoodTable& table) {
   return sha256(as_bytes(text)).hex();
 }
 
-std::string table_source(const LookLikelihoodTable& table) {
+std::string table_initializer(const LookLikelihoodTable& table) {
   const auto curve_text = [](const MonotoneCurve& curve) {
     const auto used = static_cast<std::ptrdiff_t>(curve.knots);
     const auto list = [&](const auto& values) {
@@ -345,16 +345,7 @@ std::string table_source(const LookLikelihoodTable& table) {
                              text_of(rate.other_place));
   }
   return fmt::format(
-      R"(// Made by `./run bench fit-likelihood` from tests/estimation/data/looks.bin; never edited by hand: a test fits the same
-// looks again and rejects a table that differs. look_likelihood.hpp says what the numbers mean.
-// clang-format off
-#pragma once
-
-#include "estimation/look_likelihood.hpp"
-
-namespace nadir {{
-
-inline constexpr LookLikelihoodTable kLookLikelihoodTable{{
+      R"({{
     .training = "{}",
     .training_sha256 = "{}",
     .true_looks = {},
@@ -369,13 +360,28 @@ inline constexpr LookLikelihoodTable kLookLikelihoodTable{{
 {}    }}}},
     .chance = {{{}, {}}},
     .numbers_sha256 = "{}",
-}};
-
-}}  // namespace nadir
-)",
+}})",
       table.training, table.training_sha256, table.true_looks, table.chance_looks, text_of(table.limit),
       text_of(table.constant), text_of(table.reference_ln_places), curves, curve_text(table.ratio_by_places), detection,
       table.chance.looks, text_of(table.chance.candidate), table.numbers_sha256);
+}
+
+std::string table_source(const LookLikelihoodTable& table) {
+  return fmt::format(
+      R"(// Made by `./run bench fit-likelihood` from tests/estimation/data/looks.bin; never edited by hand: a test fits the same
+// looks again and rejects a table that differs. look_likelihood.hpp says what the numbers mean.
+// clang-format off
+#pragma once
+
+#include "estimation/look_likelihood.hpp"
+
+namespace nadir {{
+
+inline constexpr LookLikelihoodTable kLookLikelihoodTable{};
+
+}}  // namespace nadir
+)",
+      table_initializer(table));
 }
 
 }  // namespace nadir::bench

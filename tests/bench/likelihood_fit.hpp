@@ -53,7 +53,8 @@ std::unique_ptr<FittedLikelihood> fit(const TrainingSet& set, const std::string&
 std::vector<std::string> numbers_of(const LookLikelihoodTable& table);
 std::string numbers_digest(const LookLikelihoodTable& table);
 
-// libgeo/estimation/look_likelihood_table.hpp
+// A table as an initializer in C++, and libgeo/estimation/look_likelihood_table.hpp.
+std::string table_initializer(const LookLikelihoodTable& table);
 std::string table_source(const LookLikelihoodTable& table);
 
 }  // namespace nadir::bench

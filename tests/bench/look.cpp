@@ -12,6 +12,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "cpu_time.hpp"
 #include "estimation/map_look.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
@@ -273,10 +274,13 @@ void begin_look(Look& look, std::uint64_t index, const Ground& ground) {
   look.tolerance_m = ground.tolerance_m;
 }
 
-void match(Look& look, const Scene& scene) {
+void match(Look& look, const Scene& scene, const LookPlan& plan) {
   look.agl_m = scene.truth.agl_m;
-  const AnchorMatch match =
-      make_channel_matcher({scene.camera, *scene.map, frame(), *scene.ground.surface})->match(scene.grey, scene.prior);
+  look.names_matcher = !plan.matcher_name.empty();
+  const auto matcher = plan.matcher({scene.camera, *scene.map, frame(), *scene.ground.surface});
+  const double begin_ms = cpu_ms();
+  const AnchorMatch match = matcher->match(scene.grey, scene.prior);
+  look.cpu_ms = cpu_ms() - begin_ms;
   if (match.solved) look.features = features_of(match, scene.prior, scene.searched_area_m2);
   judge(look, scene, match);
   look.verdict = !match.on_map ? "no_map" : !match.solved ? "no_pose" : "candidate";
@@ -292,7 +296,7 @@ Look take_look(const Grounds& grounds, const LookPlan& plan, std::uint64_t base_
   begin_look(look, index, ground);
   draw_search_size(look, ground, plan, random);
   const Scene scene = draw_scene(look, grounds, ground, seed, random);
-  match(look, scene);
+  match(look, scene, plan);
   return look;
 }
 
@@ -326,7 +330,7 @@ Look LookTaker::take(std::uint64_t index) {
   look.index = index;
   draw_search_size(look, s.scene->ground, s.plan, random);
   draw_search(*s.scene, look, s.grounds, random);
-  match(look, *s.scene);
+  match(look, *s.scene, s.plan);
   return look;
 }
 
@@ -370,7 +374,7 @@ LooksInARow take_looks_in_a_row(const Grounds& grounds, const LookPlan& plan, st
     scene.grey = spoilt(picture_at(scene, studio().sensor, exposure, index), first, once);
   }
   draw_search(scene, first, grounds, random);
-  match(first, scene);
+  match(first, scene, plan);
 
   Look& second = row.second;
   second = first;
@@ -388,7 +392,7 @@ LooksInARow take_looks_in_a_row(const Grounds& grounds, const LookPlan& plan, st
   const PlanePoint middle = scene.prior.search.pose.position;
   scene.prior = draw_prior(scene, second.radius_m, random);
   scene.prior.search.pose.position = middle + step_m;
-  match(second, scene);
+  match(second, scene, plan);
   return row;
 }
 
@@ -414,18 +418,22 @@ std::string look_header(std::uint64_t base_seed, const LookPlan& plan, const Gro
                         std::uint64_t windows_of_picture) {
   const std::string windows =
       windows_of_picture == 1 ? "" : fmt::format(", {} windows of each picture", windows_of_picture);
+  const bool named = !plan.matcher_name.empty();
   return fmt::format(
-      "# nadir bench looks, base seed {}, {:g} real, {:g} right{}, grounds: "
+      "# nadir bench looks, base seed {}, {:g} real, {:g} right{}{}, grounds: "
       "{}\nindex,ground,window,picture,verdict,radius_m,"
-      "agl_m,patches,{},error_m,camera_error_m,camera_sigma_m,tolerance_m,fine_gsd_m\n",
-      base_seed, plan.real_share, plan.right_share, windows, grounds.names(), fmt::join(LookFeatures::names, ","));
+      "agl_m,patches,{},error_m,camera_error_m,camera_sigma_m,tolerance_m,fine_gsd_m{}\n",
+      base_seed, plan.real_share, plan.right_share, windows, named ? ", matcher " + plan.matcher_name : "",
+      grounds.names(), fmt::join(LookFeatures::names, ","), named ? ",off_east_m,off_north_m,cpu_ms" : "");
 }
 
 std::string line(const Look& l) {
-  return fmt::format("{},{},{},{},{},{:.0f},{:.0f},{},{:.5f},{:.2f},{:.2f},{:.2f},{:.0f},{:.3f}\n", l.index, l.ground,
+  const std::string place =
+      l.names_matcher ? fmt::format(",{:.2f},{:.2f},{:.1f}", l.off_m.x(), l.off_m.y(), l.cpu_ms) : "";
+  return fmt::format("{},{},{},{},{},{:.0f},{:.0f},{},{:.5f},{:.2f},{:.2f},{:.2f},{:.0f},{:.3f}{}\n", l.index, l.ground,
                      l.window, l.picture, l.verdict, l.radius_m, l.agl_m, l.patches,
                      fmt::join(l.features.values(), ","), l.error_m, l.camera_error_m, l.camera_sigma_m, l.tolerance_m,
-                     l.fine_gsd_m);
+                     l.fine_gsd_m, place);
 }
 
 Look look_of(const std::string& text) {
@@ -444,6 +452,10 @@ Look look_of(const std::string& text) {
   }
   in >> l.tolerance_m;
   if (in && !in.eof() && in.peek() == ',') in >> comma >> l.fine_gsd_m;  // results of the first version end before it
+  if (in && !in.eof() && in.peek() == ',') {
+    l.names_matcher = true;
+    in >> comma >> l.off_m.x() >> comma >> l.off_m.y() >> comma >> l.cpu_ms;
+  }
   if (!in) throw Error({.what = "a line of results cannot be read", .found = text});
   return l;
 }

@@ -26,9 +26,12 @@ struct Look {
   double camera_error_m = -1;
   double camera_sigma_m = 0;  // of the solved position, with what the solver does not model; the larger axis
   double tolerance_m = 25;
-  double fine_gsd_m = 0;                            // of the matching; 0: not stored
-  Eigen::Vector2d off_m = Eigen::Vector2d::Zero();  // of the position, from the truth; not stored
-  std::string verdict;                              // no_map, no_pose, candidate
+  double fine_gsd_m = 0;  // of the matching; 0: not stored
+  // Of the position, from the truth, and processor time of the match. Stored where a plan names its matcher.
+  Eigen::Vector2d off_m = Eigen::Vector2d::Zero();
+  double cpu_ms = 0;
+  bool names_matcher = false;
+  std::string verdict;  // no_map, no_pose, candidate
 
   bool candidate() const { return error_m >= 0; }
   // The same ground, and the camera no farther off than tilt and height leave open. The patches reach beyond the
@@ -47,6 +50,9 @@ using Looks = std::map<std::uint64_t, Look>;
 struct LookPlan {
   double real_share = 0.5;   // of looks over real imagery, where there is any
   double right_share = 0.4;  // of windows that hold the place
+  // What is measured. Named: the results say so, and hold the position that was found.
+  MapMatcherFactory matcher = make_channel_matcher;
+  std::string matcher_name{};
 };
 
 std::string look_header(std::uint64_t base_seed, const LookPlan& plan, const Grounds& grounds,

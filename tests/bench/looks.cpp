@@ -9,9 +9,12 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/platform.hpp"
+#include "bench/sift_matcher.hpp"
 #include "look.hpp"
 #include "look_detection.hpp"
 #include "seeded_runs.hpp"
+#include "vision/descriptor_matcher.hpp"
+#include "vision/network_plugin.hpp"
 
 using namespace nadir;
 using namespace nadir::bench;
@@ -36,6 +39,15 @@ ProbedLooks probe_all(const Looks& looks, const Grounds& grounds, const LookPlan
   return probed;
 }
 
+MapMatcherFactory matcher_of(std::string& name, const DescriptorMatching& how) {
+  if (name == "channels") return make_channel_matcher;
+  if (name == "sift") return make_sift_matcher;
+  const OpenedNetwork opened = open_network({name, std::nullopt}, plugin_folders());
+  std::cerr << fmt::format("looks: {} by {}\n", opened.network->name(), opened.runtime);
+  name = opened.network->name();
+  return [network = opened.network, how](const MatcherMap& map) { return make_descriptor_matcher(map, network, how); };
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -46,6 +58,12 @@ int main(int argc, char** argv) {
   LookPlan plan;
   app.add_option("--real", plan.real_share, "share of looks over real imagery")->check(CLI::Range(0.0, 1.0));
   app.add_option("--right", plan.right_share, "share of windows that hold the place")->check(CLI::Range(0.0, 1.0));
+  app.add_option("--matcher", plan.matcher_name,
+                 "channels, sift, or the ONNX file of a descriptor network; the results name it and hold the places");
+  DescriptorMatching how;
+  app.add_option("--frame-px", how.frame_px, "of a descriptor network: a frame's longer side")->capture_default_str();
+  app.add_option("--principal", how.principal_channels, "of a descriptor network: channels that are correlated")
+      ->capture_default_str();
   std::filesystem::path data = data_folder();
   app.add_option("--data", data, "folder of the real sets; default: $NADIR_DATA, else ../shared/data");
   std::filesystem::path probes;
@@ -59,6 +77,7 @@ int main(int argc, char** argv) {
   try {
     cv::setNumThreads(1);
     keep_freed_memory();
+    if (!plan.matcher_name.empty()) plan.matcher = matcher_of(plan.matcher_name, how);
     const Purpose purpose = purpose_of(options.seed);
     const Grounds grounds(purpose, options.worlds, first_world(purpose), data);
     if (grounds.real().empty()) std::cerr << "looks: no real imagery: set NADIR_DATA or --data\n";

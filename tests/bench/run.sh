@@ -58,6 +58,8 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   retrieval     place retrieval over real imagery of two dates, headings unknown, for every descriptor (--queries N; five minutes)
   integrity     looks that cannot be right, on unseen seeds and imagery, and misleading positions under faults (--part PART --resume FILE; hours)
   own-network   a descriptor network of our own, trained and judged against oriented gradients (train DATA --out FILE; judge FILE...; needs PyTorch)
+  matchers      map matchers side by side at the same looks: right, clean, CPU time, how far two err together (MODEL.onnx; an hour;
+                --write counts the table of a second matcher)
   fit-likelihood  the likelihood ratio of a look, fitted to such looks and written as a table (--looks FILE...)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).
@@ -137,6 +139,7 @@ part() {
     looks)        one_program bench_looks && build/bin/bench_looks "$@" ;;
     retrieval)    one_program bench_retrieval && build/bin/bench_retrieval "$@" ;;
     integrity)    one_program bench_integrity && build/bin/bench_integrity "$@" ;;
+    matchers)     one_program bench_looks && one_program bench_matchers && "$here/matchers.sh" "$@" ;;
     fit-likelihood) one_program bench_fit_likelihood && build/bin/bench_fit_likelihood "$@" ;;
     *) usage >&2; exit 2 ;;
   esac

@@ -13,6 +13,8 @@
 #include "estimation/localizer_fixture.hpp"
 #include "estimation/look_likelihood.hpp"
 #include "support/cancel_after.hpp"
+#include "vision/descriptor_matcher.hpp"
+#include "vision/gradient_network.hpp"
 
 namespace nadir {
 namespace {
@@ -36,8 +38,13 @@ class Matcher : public testing::TestWithParam<Backend> {
   const FlatGround ground_;
 };
 
+std::unique_ptr<MapMatcher> make_gradient_matcher(const MatcherMap& map) {
+  return make_descriptor_matcher(map, std::make_shared<GradientNetwork>());
+}
+
 INSTANTIATE_TEST_SUITE_P(Backends, Matcher,
-                         testing::Values(Backend{"channels", make_channel_matcher}, Backend{"sift", make_sift_matcher}),
+                         testing::Values(Backend{"channels", make_channel_matcher}, Backend{"sift", make_sift_matcher},
+                                         Backend{"descriptors", make_gradient_matcher}),
                          [](const auto& tested) { return tested.param.name; });
 
 const Moment& moment() { return short_flight()[1]; }

@@ -120,6 +120,21 @@ TEST(VisionAnswerBytes, EveryBitComesBack) {
   EXPECT_EQ(match.solved->covariance, same.solved->covariance);
   EXPECT_EQ(match.solved->inlier, same.solved->inlier);
   EXPECT_EQ(match.search.places.size(), same.search.places.size());
+  EXPECT_FALSE(same.judged_log_likelihood_ratio);
+}
+
+// What a second matcher made of it is one more number; other flights are stored as they always were.
+TEST(VisionAnswerBytes, AJudgedMatchKeepsItsEvidence) {
+  const VisionAnswer& answer = flown().answers[0].back();
+  AnchorMatch match = std::get<AnchorMatch>(answer);
+  match.judged_log_likelihood_ratio = -1.25;
+  const VisionAnswer judged = match;
+  const Bytes bytes = encode_answers({&judged, 1});
+  EXPECT_EQ(bytes.size(), encode_answers({&answer, 1}).size() + sizeof(double));
+  const auto again = decode_answers(bytes);
+  ASSERT_TRUE(again);
+  EXPECT_EQ(std::get<AnchorMatch>(again->front()).judged_log_likelihood_ratio, -1.25);
+  EXPECT_FALSE(decode_answers(ByteView(bytes).first(bytes.size() - 1)));
 }
 
 TEST(VisionAnswerBytes, OtherBytesAreRefused) {

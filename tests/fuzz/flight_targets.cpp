@@ -11,6 +11,8 @@
 #include "mavlink/messages.hpp"
 #include "recorder/mcap_reader.hpp"
 #include "recorder/record_codec.hpp"
+#include "vision/localizer_parameters.hpp"
+#include "vision/onnx_model.hpp"
 #include "vision/place_index_files.hpp"
 
 namespace nadir::fuzz {
@@ -124,6 +126,24 @@ void place_table(std::string_view bytes) {
     require(chunks == first.chunks.size(), "layers that do not hold the chunks");
     const std::string written = place_table_json(first);
     require(place_table_json(parse_place_table(written, "again")) == written, "a table changes when it is written");
+  });
+}
+
+void onnx(std::string_view bytes) {
+  refusing([&] {
+    const OnnxModel model = read_onnx_model(as_bytes(bytes), "fuzz");
+    require(model.format > 0, "a model without a format");
+    for (const auto* tensors : {&model.inputs, &model.outputs}) {
+      require(tensors->size() <= parameters::learned_matching::kMaxTensors, "more tensors than there may be");
+      for (const OnnxTensor& tensor : *tensors) {
+        require(tensor.shape.size() <= parameters::learned_matching::kMaxTensorSides, "more sides than there may be");
+      }
+    }
+    const DescriptorModel descriptors = descriptor_model(model, "fuzz");
+    require(descriptors.input_channels == 1 || descriptors.input_channels == 3, "a picture of other channels");
+    require(descriptors.channels >= parameters::learned_matching::kMinDescriptorChannels &&
+                descriptors.channels <= parameters::learned_matching::kMaxDescriptorChannels,
+            "descriptors of a length that is not allowed");
   });
 }
 

@@ -55,6 +55,7 @@ const std::vector<Target>& targets() {
                                        {"cog", fuzz::cog},
                                        {"pmtiles", fuzz::pmtiles},
                                        {"place_table", fuzz::place_table},
+                                       {"onnx", fuzz::onnx},
                                        {"api_hint", fuzz::api_hint},
                                        {"api_object", fuzz::api_object},
                                        {"api_request", fuzz::api_request},

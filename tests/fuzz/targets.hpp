@@ -36,6 +36,7 @@ void matchability(std::string_view bytes);
 void vectors(std::string_view bytes);  // roads, water, woods and buildings of a package
 void vrt(std::string_view bytes);      // and what it names, before GDAL sees it
 void picture(std::string_view bytes);  // JPEG, PNG, WebP, TIFF
+void onnx(std::string_view bytes);     // the description of a descriptor network
 
 void shard_plan(std::string_view bytes);  // of a build by several machines: plan.json, for the target's mission
 void metatile(std::string_view bytes);    // of a shard: a record without its pixels, which the target adds

@@ -59,7 +59,7 @@ ALLOWED = {
     "camera": "base imagery service",
     "api": "base geodesy imagery package vision estimation http map_page service",
     "flight": "base geodesy imagery trust package vision estimation ortho recorder mavlink fixes cli api camera service",
-    "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
+    "runtime": "base trust package vision estimation ortho cli verify_request nadird_client service flight",
     # the ground's programs
     "commands": "base geodesy imagery trust token_keys package package_delta package_export vision estimation adjustment ortho recorder flights flight_adjustment replay mavlink upload raster package_build "
                 "catalogue candidates simulation provision flight_import mission_formats navigability datasets cli report map_page verify_request nadird_client desk planning",

@@ -325,6 +325,14 @@ TEST_F(AirframeFile, AGimbalIsAnAddress) {
   EXPECT_EQ(other.gimbal->device, 2);
 }
 
+TEST_F(AirframeFile, NamesAMatcherByItsDigest) {
+  const std::string digest(64, 'a');
+  const Airframe airframe = read(R"(, "matcher": {"model": "xfeat.onnx", "sha256": ")" + digest + "\"}");
+  ASSERT_TRUE(airframe.matcher);
+  EXPECT_EQ(airframe.matcher->model, "xfeat.onnx");
+  EXPECT_EQ(airframe.matcher->sha256.hex(), digest);
+}
+
 TEST_F(AirframeFile, ErrorsNameTheKey) {
   const std::pair<const char*, const char*> wrong[] = {
       {R"(, "mount": {"pitch_deg": 80})", "mount.pitch_deg"},
@@ -338,6 +346,9 @@ TEST_F(AirframeFile, ErrorsNameTheKey) {
       {R"(, "gimbal": {"component": 0})", "component"},
       {R"(, "gimbal": {"device": 300})", "device"},
       {R"(, "gimbal": {"yaw": 1})", "yaw"},
+      {R"(, "matcher": {"model": "xfeat.onnx"})", "sha256"},
+      {R"(, "matcher": {"model": "xfeat.onnx", "sha256": "7DD1"})", "sha256"},
+      {R"(, "matcher": {"model": "", "sha256": "7dd1"})", "model"},
       {R"(, "wings": 2)", "wings"},
       {R"(, "mavlink": {"key": "secret"})", "key"},
       {R"(, "sequence": 0)", "sequence"},

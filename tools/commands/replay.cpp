@@ -311,7 +311,7 @@ int ReplayCommand::run(Context& context) {
       .terrain = setup.surface != nullptr,
       .places = setup.places != nullptr,
       .matchability = setup.matchability != nullptr,
-      .settings = {{"odometry", request_.odometry()}, {"matcher", request_.matcher()}}};
+      .settings = request_.settings()};
   std::optional<StagingDirectory> record_folder;
   std::optional<ReplayRecording> recording;
   if (record_) {
