@@ -113,9 +113,13 @@ TEST_F(CacheExport, ARejectedPackageLeavesNothing) {
                  "--out", "@out"}),
             1);
   EXPECT_THAT(out_.str(), HasSubstr("package.expired"));
+}
+
+TEST_F(CacheExport, WhatCannotBeWrittenIsNamed) {
   EXPECT_EQ(run({"cache", "export", "@package", "--format", "kmz", "--trust", "@root.json", "--out", "@out"}), 2);
   EXPECT_EQ(run({"cache", "export", "@package", "--format", "xyz", "--trust", "@root.json", "--out", "@no/such/out"}),
             2);
+  EXPECT_EQ(names(), (std::vector<std::string>{"package", "root.json"}));
 }
 
 TEST_F(CacheExport, KilledAnywhereItLeavesNothingUnderItsNameAndTheNextRunWorks) {

@@ -107,10 +107,11 @@ class ImageryFormats(unittest.TestCase):
         self.assertEqual(2, code, said)
 
     def utm(self, name, *options):
-        """The map in UTM, which NITF can state; its corners then are whole metres."""
+        """The map in UTM, which NITF can state: the middles of its outermost pixels, in whole metres."""
         warped = self.folder / "utm.tif"
         if not warped.exists():
-            gdal("gdalwarp", "-q", "-t_srs", "EPSG:32632", "-r", "near", "-tr", "1", "1", "-tap", self.sets.map, warped)
+            gdal("gdalwarp", "-q", "-t_srs", "EPSG:32632", "-r", "near", "-tr", "1", "1", "-te", "461282.5", "5249138.5", "462533.5", "5250386.5",
+                 self.sets.map, warped)
         return self.translated(name, *options, source=warped)
 
     # A NITF file states its corners in whole metres (UTM) or whole seconds: with the place that it states its map is metres off, and
@@ -126,7 +127,7 @@ class ImageryFormats(unittest.TestCase):
         coarse = self.translated("degrees.ntf", "-of", "NITF", "-co", "ICORDS=G", source=degrees)
         code, result, said, _ = self.build(coarse)
         self.assertEqual(1, code, said)
-        self.assertEqual(["imagery.coarse_place"], [f["code"] for f in result["findings"]])
+        self.assertIn("imagery.coarse_place", [f["code"] for f in result["findings"] if f["severity"] == "refuse"])
         self.assertEqual(0, self.build(coarse, ce90_m=20)[0])
 
     def test_terrain_as_hgt_dted_and_cog_is_the_same(self):
@@ -146,7 +147,7 @@ class ImageryFormats(unittest.TestCase):
             self.assertEqual(0, result.returncode, f"{dem}\n{result.stdout}{result.stderr}")
             made.append((out / "terrain" / "dem.tif").read_bytes())
             cut = self.folder / ("cut-" + dem.name) if dem != hgt else self.folder / "N46E008.hgt"
-            cut.write_bytes(dem.read_bytes()[:dem.stat().st_size * 6 // 10])
+            cut.write_bytes(dem.read_bytes()[:dem.stat().st_size * 3 // 10])  # the mission lies behind that
             command[command.index(dem)] = cut
             command[-1] = self.folder / "no"
             result = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120)
