@@ -212,6 +212,12 @@ def judge(name, flights):
     for verdict, low, high in (("good", 0.95, 1.01), ("fair", 0.5, 0.95), ("poor", -1, 0.5)):
         part = [hit for p, hit in zip(predicted, anchored) if low <= p < high]
         print(f"  called {verdict}: {len(part)} frames" + (f", {100 * sum(part) / len(part):.1f} % anchored" if part else ""))
+    # Over good ground an aircraft that is lost does not anchor either.
+    knowing = [frame for flight in flights for before, frame in zip(flight, flight[1:]) if before[2] is not None and before[2] <= 100]
+    for verdict, low, high in (("good", 0.95, 1.01), ("poor", -1, 0.5)):
+        part = [hit for look, hit, _ in knowing if low <= look["probability"] < high]
+        if part:
+            print(f"  called {verdict}, the frame before within 100 m: {len(part)} frames, {100 * sum(part) / len(part):.1f} % anchored")
     print("  reliability: predicted, anchored, frames")
     for low in (0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95):
         high = {0.8: 0.9, 0.9: 0.95, 0.95: 1.01}.get(low, low + 0.2)
