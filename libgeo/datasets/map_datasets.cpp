@@ -156,6 +156,11 @@ void add_frame(DatasetFlight& into, Telemetry telemetry, const fs::path& picture
   into.truth.emplace_back(truth);
 }
 
+void refuse_empty(const DatasetFlight& flight, const fs::path& where) {
+  if (!flight.flight.frames.empty()) return;
+  throw Error({.what = "a flight of the dataset has no pictures", .where = where.string(), .found = "no rows"});
+}
+
 // ---- Maps
 
 struct MapCorners {
@@ -203,7 +208,7 @@ fs::path georeferenced(const fs::path& picture, const std::string& crs, const Ma
                        const fs::path& work) {
   const std::string extension = picture.extension().string();
   const bool tiff = extension == ".tif" || extension == ".tiff" || extension == ".TIF";
-  const fs::path to = work / (picture.stem().string() + (tiff ? ".vrt" : ".tif"));
+  fs::path to = work / (picture.stem().string() + (tiff ? ".vrt" : ".tif"));
   std::vector<std::string> arguments{"-q", "-a_srs", crs, "-a_ullr"};
   for (const double value : {corners.west, corners.north, corners.east, corners.south}) {
     arguments.push_back(fmt::format("{:.12g}", value));
@@ -329,6 +334,7 @@ DatasetFlight uav_visloc_flight(const fs::path& folder, const std::string& name,
     telemetry.roll_rad = angle_rad(table, row, roll);
     add_frame(result, telemetry, picture, place_in(table, row, lat, lon));
   }
+  refuse_empty(result, table.path());
   return result;
 }
 
@@ -410,7 +416,7 @@ fs::path unpacked_picture(const NumpyArchive& archive, const fs::path& npz, cons
                     const_cast<std::uint8_t*>(image.values().data()));
   cv::Mat bgr;
   cv::cvtColor(rgb, bgr, cv::COLOR_RGB2BGR);
-  const fs::path to = work / (npz.stem().string() + ".png");
+  fs::path to = work / (npz.stem().string() + ".png");
   write_file_atomic(to, encode_image(bgr, ImageFormat::png));
   return to;
 }
@@ -443,6 +449,10 @@ void read_scene(const fs::path& folder, const MapDatasetOptions& options, std::v
     if (name.ends_with(".npz")) samples.push_back(entry.path());
   }
   std::sort(samples.begin(), samples.end());
+  if (samples.empty()) {
+    throw Error(
+        {.what = "a scene of the dataset has no pictures", .where = folder.string(), .expected = "LNN_MMMM.npz"});
+  }
   if (!json) need_file(folder / "LNN_reference.json", "AnyVisLoc");
   const AnyVisLocReference reference = read_reference(*json, options.reference);
   const fs::path work = options.work / folder.filename();
@@ -539,6 +549,7 @@ std::vector<DatasetFlight> read_wildnav(const fs::path& given, const MapDatasetO
     if (const auto down = angle_rad(photos, row, pitch)) telemetry.pitch_rad = *down + kPi / 2;
     add_frame(result, telemetry, picture, place_in(photos, row, lat, lon));
   }
+  refuse_empty(result, photos.path());
   return {result};
 }
 

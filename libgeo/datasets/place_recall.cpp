@@ -87,32 +87,36 @@ void PlaceScorer::blind(LonLat truth, const std::vector<PlaceCandidate>& found) 
   recall_.chance_5 += 1 - miss;
 }
 
-PlaceEvaluation evaluate_frames(const PlaceIndex& index, const Flight& flight, const Truth& truth, double usual_agl_m,
+PlaceEvaluation evaluate_frames(const PlaceIndex& index, std::span<const FlightWithTruth> flights, double usual_agl_m,
                                 const PlaceRecallOptions& options, Progress& progress) {
   PlaceEvaluation evaluation;
   PlaceScorer known(index, evaluation.known), unknown(index, evaluation.unknown);
   Random random = Random(options.seed).fork("place evaluation");
   const double gsd_m = finest_gsd_m(index.table());
-  progress.begin("asking", flight.frames.size(), "frames");
-  for (std::size_t i = 0; i < flight.frames.size(); ++i) {
-    progress.advance();
-    const Telemetry& row = flight.frames[i];
-    const double error_rad = random.uniform(-options.heading_range_rad, options.heading_range_rad);
-    const double any_rad = random.uniform(0, 2 * std::numbers::pi);
-    const cv::Mat grey = read_grey_image(flight.image_path(i));
-    if (!truth[i] || grey.empty() || !row.heading_rad) {
-      ++evaluation.left_out;
-      continue;
-    }
-    CameraPose pose;
-    pose.agl_m = row.agl_m.value_or(usual_agl_m);
-    pose.attitude = {*row.heading_rad + error_rad, row.pitch_rad.value_or(0), row.roll_rad.value_or(0)};
-    if (const auto frame = rectified(grey, flight.camera.camera, pose, gsd_m)) {
-      known.ask({frame->image, frame->mask, gsd_m, options.heading_range_rad}, *truth[i]);
-    }
-    pose.attitude.heading_rad = any_rad;
-    if (const auto frame = rectified(grey, flight.camera.camera, pose, gsd_m)) {
-      unknown.ask({frame->image, frame->mask, gsd_m, std::nullopt}, *truth[i]);
+  std::size_t frames = 0;
+  for (const FlightWithTruth& one : flights) frames += one.flight.frames.size();
+  progress.begin("asking", frames, "frames");
+  for (const auto& [flight, truth] : flights) {
+    for (std::size_t i = 0; i < flight.frames.size(); ++i) {
+      progress.advance();
+      const Telemetry& row = flight.frames[i];
+      const double error_rad = random.uniform(-options.heading_range_rad, options.heading_range_rad);
+      const double any_rad = random.uniform(0, 2 * std::numbers::pi);
+      const cv::Mat grey = read_grey_image(flight.image_path(i));
+      if (!truth[i] || grey.empty() || !row.heading_rad) {
+        ++evaluation.left_out;
+        continue;
+      }
+      CameraPose pose;
+      pose.agl_m = row.agl_m.value_or(usual_agl_m);
+      pose.attitude = {*row.heading_rad + error_rad, row.pitch_rad.value_or(0), row.roll_rad.value_or(0)};
+      if (const auto frame = rectified(grey, flight.camera.camera, pose, gsd_m)) {
+        known.ask({frame->image, frame->mask, gsd_m, options.heading_range_rad}, *truth[i]);
+      }
+      pose.attitude.heading_rad = any_rad;
+      if (const auto frame = rectified(grey, flight.camera.camera, pose, gsd_m)) {
+        unknown.ask({frame->image, frame->mask, gsd_m, std::nullopt}, *truth[i]);
+      }
     }
   }
   progress.end();

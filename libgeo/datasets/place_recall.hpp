@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <nlohmann/json_fwd.hpp>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -64,8 +65,13 @@ struct PlaceRecallOptions {
   std::uint64_t seed = 1;
 };
 
-// usual_agl_m: of frames whose telemetry has no height.
-PlaceEvaluation evaluate_frames(const PlaceIndex& index, const Flight& flight, const Truth& truth, double usual_agl_m,
+struct FlightWithTruth {
+  const Flight& flight;
+  const Truth& truth;  // one for each frame
+};
+
+// The frames of all of them, each flight with its own camera. usual_agl_m: of frames whose telemetry has no height.
+PlaceEvaluation evaluate_frames(const PlaceIndex& index, std::span<const FlightWithTruth> flights, double usual_agl_m,
                                 const PlaceRecallOptions& options, Progress& progress);
 
 }  // namespace nadir

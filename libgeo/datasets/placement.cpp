@@ -150,14 +150,18 @@ std::vector<PlacedFrame> place_flight(const DatasetFlight& from, const RasterTil
   return result;
 }
 
-MapRecall map_recall(const DatasetFlight& from, const RasterTiles& tiles, const PlacementOptions& options, int threads,
-                     Progress& progress) {
-  const CameraModel& camera = from.flight.camera.camera;
+MapRecall map_recall(std::span<const DatasetFlight> from, const RasterTiles& tiles, const PlacementOptions& options,
+                     int threads, Progress& progress) {
   std::vector<double> sides_m, heights_m;
-  for (const Telemetry& telemetry : from.flight.frames) {
-    heights_m.push_back(*telemetry.agl_m);
-    sides_m.push_back(
-        place_footprint_m(*telemetry.agl_m * camera.width / camera.fx, *telemetry.agl_m * camera.height / camera.fy));
+  std::vector<FlightWithTruth> flights;
+  for (const DatasetFlight& one : from) {
+    const CameraModel& camera = one.flight.camera.camera;
+    flights.push_back({one.flight, one.truth});
+    for (const Telemetry& telemetry : one.flight.frames) {
+      heights_m.push_back(*telemetry.agl_m);
+      sides_m.push_back(
+          place_footprint_m(*telemetry.agl_m * camera.width / camera.fx, *telemetry.agl_m * camera.height / camera.fy));
+    }
   }
   PlaceIndexOptions layout;
   layout.footprints_m = {quantile(sides_m, 0.5)};
@@ -166,7 +170,7 @@ MapRecall map_recall(const DatasetFlight& from, const RasterTiles& tiles, const 
       {.tiles = &tiles, .keys = finest_tiles(tiles), .merkle_root = {}, .origin = plane_of(tiles).origin()}, layout,
       progress);
   return {index.table().chunks.size(),
-          evaluate_frames(index, from.flight, from.truth, quantile(heights_m, 0.5), {.seed = options.seed}, progress)};
+          evaluate_frames(index, flights, quantile(heights_m, 0.5), {.seed = options.seed}, progress)};
 }
 
 PlacementFigures figures_of(const std::vector<PlacedFrame>& frames) {

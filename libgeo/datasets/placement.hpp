@@ -16,6 +16,7 @@
 #include <cstdint>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -50,12 +51,12 @@ std::vector<PlacedFrame> place_frames(const DatasetFlight& flight, const RasterT
 std::vector<PlacedFrame> place_flight(const DatasetFlight& flight, const RasterTiles& tiles, Progress& progress);
 
 // How often the place index of the whole map names the place of a frame: one layer, its chunks as large as the median
-// frame.
+// frame. flights: at least one, all over this map.
 struct MapRecall {
   std::size_t chunks = 0;
   PlaceEvaluation of_frames;
 };
-MapRecall map_recall(const DatasetFlight& flight, const RasterTiles& tiles, const PlacementOptions& options,
+MapRecall map_recall(std::span<const DatasetFlight> flights, const RasterTiles& tiles, const PlacementOptions& options,
                      int threads, Progress& progress);
 
 struct PlacementFigures {

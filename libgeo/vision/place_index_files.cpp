@@ -15,6 +15,7 @@
 #include "base/bytes.hpp"
 #include "base/error.hpp"
 #include "base/json.hpp"
+#include "base/printable.hpp"
 
 namespace nadir {
 namespace {
@@ -155,7 +156,15 @@ PlaceTable parse_place_table(std::string_view text, std::string_view name) {
       document,
       {.name = std::string(name), .what = "not a table of places", .fix = "rebuild it with `nadir cache index`"});
   in.expect("schema", kPlaceTableSchema);
-  in.expect("descriptor", kPlaceDescriptorName);
+  // A sound table of another descriptor: its vectors cannot be compared with those that are made here.
+  if (const std::string& descriptor = in.text("descriptor", {.least = 1, .most = 100});
+      descriptor != kPlaceDescriptorName) {
+    throw Error({.what = "the place index was made with a descriptor that this version does not know",
+                 .where = in.where("descriptor"),
+                 .expected = fmt::format("\"{}\"", kPlaceDescriptorName),
+                 .found = fmt::format("\"{}\"", printable(descriptor)),
+                 .fix = "rebuild it with `nadir cache index`, or use the version that made it"});
+  }
   PlaceTable table;
   table.imagery_root = in.digest("imagery_merkle_root");
   const JsonReader origin = in.array("origin_e7", {.least = 2, .most = 2});

@@ -58,6 +58,13 @@ TEST_F(Csv, ErrorsNameFileLineAndCell) {
   }
 }
 
+TEST_F(Csv, TheLastRowHasItsOwnLineWithoutALineBreak) {
+  const CsvTable table = read("frame,agl_m\na,1\nb,oops");
+  EXPECT_EQ(table.line_of(1), 3U);
+  EXPECT_THAT(table.where(1, 1), ::testing::EndsWith("t.csv:3, column agl_m"));
+  EXPECT_EQ(read("a\n1\n").line_of(0), 2U);
+}
+
 TEST_F(Csv, RejectsARowWithAnotherNumberOfCells) {
   EXPECT_THAT(complaint("a,b\n1,2\n3\n"), ::testing::HasSubstr("t.csv:3"));
   EXPECT_NE(complaint("a,b\n1,2,3\n"), "");

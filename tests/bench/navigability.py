@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Predicted against flown: simulated flights over worlds that the model was fitted to or not, and recorded ones.
 
-usage: navigability.py PROGRAMS [--seeds FIRST LAST] [--flights N] [--work DIR] [--stretches] [--fit] [--recorded NAME PREDICTION ESTIMATES TRUTH SPACING_M]...
+usage: navigability.py PROGRAMS [--seeds FIRST LAST] [--flights N] [--spacing-m M] [--work DIR] [--stretches] [--fit] [--recorded NAME PREDICTION ESTIMATES TRUTH SPACING_M]...
 
 Each seed is a world with a package; over it, flights along random routes at random heights, replayed with the localizer, and predicted by
 `nadir mission predict`. A frame is compared with the predicted look that lies nearest, within half of the spacing; the protection level of its estimate
@@ -19,8 +19,8 @@ import random
 import subprocess
 import sys
 
-SPACING_M = 80
 SPEED_MPS, INTERVAL_S = 22, 2  # of the simulated flights
+SPACING_M = SPEED_MPS * INTERVAL_S  # of the predicted looks: one for each frame. Farther apart, a look has the worst level of several
 BACK_M, AHEAD_M = 100, 500  # along the route, where the next frame's look is sought: corners are cut
 CAMERA = """model: pinhole
 width: 640
@@ -83,7 +83,7 @@ def across(low, high, draw):
     return [at(0.06, beside), at(0.94, draw.uniform(0.4, 0.6)), at(0.9, draw.choice([0.15, 0.85]))]
 
 
-def fly(programs, work, seed, flights, stretches):
+def fly(programs, work, seed, flights, stretches, spacing_m):
     """Makes a world, its package and its flights, unless they are there; yields the folders of the flights."""
     world = work / f"{'s' if stretches else 'w'}{seed}"
     if not (world / "mission.yaml").exists():
@@ -116,11 +116,11 @@ def fly(programs, work, seed, flights, stretches):
             run(programs, "replay", "--package", world / "package", "--trust", work / "root.json", "--frames", flight / "frames", "--telemetry",
                 flight / "telemetry.csv", "--camera", flight / "camera.yaml", "--truth", flight / "truth.csv",
                 f"--start={points[0][0]},{points[0][1]}", "--at", "2025-09-18", "--out", folder / "out", "--json")
-        prediction = folder / "prediction.json"
+        prediction = folder / f"prediction-{spacing_m:g}.json"
         if not prediction.exists():
             prediction.write_text(run(programs, "mission", "predict", folder / "mission.yaml", world / "package", "--camera",
-                                      work / "camera.yaml", "--spacing-m", SPACING_M, "--speed-mps", SPEED_MPS, "--interval-s", INTERVAL_S, "--json", "--quiet"))
-        yield folder / "prediction.json", folder / "out" / "estimates.csv", folder / "flight" / "truth.csv"
+                                      work / "camera.yaml", "--spacing-m", spacing_m, "--speed-mps", SPEED_MPS, "--interval-s", INTERVAL_S, "--json", "--quiet"))
+        yield prediction, folder / "out" / "estimates.csv", folder / "flight" / "truth.csv"
 
 
 def frames_of(prediction, estimates, truth, spacing_m):
@@ -212,6 +212,12 @@ def judge(name, flights):
     for verdict, low, high in (("good", 0.95, 1.01), ("fair", 0.5, 0.95), ("poor", -1, 0.5)):
         part = [hit for p, hit in zip(predicted, anchored) if low <= p < high]
         print(f"  called {verdict}: {len(part)} frames" + (f", {100 * sum(part) / len(part):.1f} % anchored" if part else ""))
+    # Over good ground an aircraft that is lost does not anchor either.
+    knowing = [frame for flight in flights for before, frame in zip(flight, flight[1:]) if before[2] is not None and before[2] <= 100]
+    for verdict, low, high in (("good", 0.95, 1.01), ("poor", -1, 0.5)):
+        part = [hit for look, hit, _ in knowing if low <= look["probability"] < high]
+        if part:
+            print(f"  called {verdict}, the frame before within 100 m: {len(part)} frames, {100 * sum(part) / len(part):.1f} % anchored")
     print("  reliability: predicted, anchored, frames")
     for low in (0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95):
         high = {0.8: 0.9, 0.9: 0.95, 0.95: 1.01}.get(low, low + 0.2)
@@ -265,6 +271,7 @@ def main():
     parser.add_argument("programs", type=pathlib.Path)
     parser.add_argument("--seeds", type=int, nargs=2, default=[1_000_001, 1_000_003])
     parser.add_argument("--flights", type=int, default=4, help="over each world")
+    parser.add_argument("--spacing-m", type=float, default=SPACING_M, help="of the predicted looks; default: that of the frames")
     parser.add_argument("--work", type=pathlib.Path, default=pathlib.Path("bench-navigability"))
     parser.add_argument("--stretches", action="store_true")
     parser.add_argument("--fit", action="store_true")
@@ -281,7 +288,8 @@ def main():
     flights, kinds = [], []
     if args.seeds[1] >= args.seeds[0]:
         for seed in range(args.seeds[0], args.seeds[1] + 1):
-            flights += [frames_of(*files, SPACING_M) for files in fly(args.programs, args.work, seed, args.flights, args.stretches)]
+            flights += [frames_of(*files, args.spacing_m)
+                        for files in fly(args.programs, args.work, seed, args.flights, args.stretches, args.spacing_m)]
             stretch = args.work / f"s{seed}" / "stretch"
             kinds += [stretch.read_text() if args.stretches else ""] * (len(flights) - len(kinds))
             print(f"seed {seed}: {len(flights)} flights", file=sys.stderr)

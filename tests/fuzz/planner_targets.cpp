@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 
+#include "datasets/numpy_arrays.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
 #include "imagery/codecs.hpp"
@@ -83,6 +84,22 @@ void metatile(std::string_view bytes) {
 void vrt(std::string_view bytes) {
   const std::filesystem::path file = scratch_file("map.vrt", bytes);
   refusing([&] { refuse_remote_raster(file); });
+}
+
+// What is accepted lies inside the file: its values can be read, one by one as well.
+void numpy_array(std::string_view bytes) {
+  refusing([&] {
+    const NumpyArray array(Bytes(bytes.begin(), bytes.end()), "array.npy");
+    const std::size_t count = array.header().count();
+    require(array.header().begin + count * array.header().value_size() <= bytes.size(), "values beyond the file");
+    refusing([&] { require(array.numbers(count).size() == count, "another number of values"); });
+    refusing([&] { array.text(); });
+    const NumpyRaster raster(scratch_file("array.npy", bytes));
+    for (const std::ptrdiff_t at : {-1, 0, 1, 1 << 20}) {
+      const auto value = raster.at(at, at);
+      require(!value || std::isfinite(*value), "a height that is none");
+    }
+  });
 }
 
 void kml(std::string_view bytes) { drawing("plan.kml", bytes); }

@@ -38,6 +38,7 @@ const std::vector<Target>& targets() {
                                        {"matchability", fuzz::matchability},
                                        {"vectors", fuzz::vectors},
                                        {"vrt", fuzz::vrt},
+                                       {"numpy_array", fuzz::numpy_array},
                                        {"stac_item", fuzz::stac_item},
                                        {"kml", fuzz::kml},
                                        {"geojson", fuzz::geojson},

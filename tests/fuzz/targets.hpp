@@ -35,6 +35,7 @@ void terrain(std::string_view bytes);
 void matchability(std::string_view bytes);
 void vectors(std::string_view bytes);  // roads, water, woods and buildings of a package
 void vrt(std::string_view bytes);      // and what it names, before GDAL sees it
+void numpy_array(std::string_view bytes);
 void picture(std::string_view bytes);  // JPEG, PNG, WebP, TIFF
 void onnx(std::string_view bytes);     // the description of a descriptor network
 

@@ -253,6 +253,19 @@ TEST(PlaceTable, RejectsEverythingElse) {
   }
 }
 
+TEST(PlaceTable, RefusesAnotherDescriptorByName) {
+  std::string text = place_table_json(index().table());
+  text.replace(text.find(kPlaceDescriptorName), kPlaceDescriptorName.size(), "netvlad64/3");
+  try {
+    parse_place_table(text, "places.json");
+    FAIL() << "accepted";
+  } catch (const Error& error) {
+    EXPECT_NE(error.text().where.find("places.json /descriptor"), std::string::npos) << error.text().where;
+    EXPECT_EQ(error.text().found, "\"netvlad64/3\"");
+    EXPECT_EQ(error.text().expected, "\"" + std::string(kPlaceDescriptorName) + "\"");
+  }
+}
+
 std::vector<PlaceVector> some_vectors(std::size_t count, std::uint64_t seed) {
   Random random(seed);
   std::vector<PlaceVector> vectors(count);

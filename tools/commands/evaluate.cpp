@@ -150,22 +150,27 @@ int EvaluateCommand::evaluate_placement(Context& context) const {
   std::map<std::string, std::vector<PlacedFrame>> by_flight;
   nlohmann::json recalls = nlohmann::json::object();
   std::vector<std::pair<std::string, MapRecall>> recalled;
-  for (const DatasetFlight& flight : read_flights(scratch.path())) {
-    if (flight.flight.frames.empty()) continue;
-    const RasterTiles tiles(flight.map);
-    auto placed = method_ == "flight" ? place_flight(flight, tiles, context.progress)
-                                      : place_frames(flight, tiles, options, context.progress);
-    if (recall_) {
-      recalled.emplace_back(flight.name, map_recall(flight, tiles, options, threads, context.progress));
-      const MapRecall& recall = recalled.back().second;
-      recalls[flight.name].push_back({{"chunks", recall.chunks},
-                                      {"left_out", recall.of_frames.left_out},
-                                      {"heading_known", json_from(recall.of_frames.known)},
-                                      {"heading_unknown", json_from(recall.of_frames.unknown)}});
+  const std::vector<DatasetFlight> flights = read_flights(scratch.path());
+  for (auto first = flights.begin(); first != flights.end();) {
+    // Flights of one scene, which differ by their cameras, share its map.
+    const auto last = std::find_if(first, flights.end(), [&](const auto& one) { return one.map != first->map; });
+    const RasterTiles tiles(first->map);
+    std::vector<PlacedFrame>& of_scene = by_flight[first->name];
+    for (auto flight = first; flight != last; ++flight) {
+      const auto placed = method_ == "flight" ? place_flight(*flight, tiles, context.progress)
+                                              : place_frames(*flight, tiles, options, context.progress);
+      of_scene.insert(of_scene.end(), placed.begin(), placed.end());
+      all.insert(all.end(), placed.begin(), placed.end());
     }
-    std::vector<PlacedFrame>& of_flight = by_flight[flight.name];
-    of_flight.insert(of_flight.end(), placed.begin(), placed.end());
-    all.insert(all.end(), std::make_move_iterator(placed.begin()), std::make_move_iterator(placed.end()));
+    if (recall_) {
+      const MapRecall recall = map_recall({first, last}, tiles, options, threads, context.progress);
+      recalls[first->name] = {{"chunks", recall.chunks},
+                              {"left_out", recall.of_frames.left_out},
+                              {"heading_known", json_from(recall.of_frames.known)},
+                              {"heading_unknown", json_from(recall.of_frames.unknown)}};
+      recalled.emplace_back(first->name, recall);
+    }
+    first = last;
   }
   if (out_) write_file_atomic(*out_, csv_of(all));
   const PlacementFigures figures = figures_of(all);

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
@@ -109,8 +110,8 @@ PlaceEvaluation evaluate_flight(const PlaceIndex& index, const Mission& mission,
                                 Progress& progress) {
   const Flight flight =
       read_flight({folder / "frames", folder / "telemetry.csv", camera.value_or(folder / "camera.yaml")});
-  return evaluate_frames(index, flight, read_truth(folder / "truth.csv", flight.frames), mission.route.agl_m, options,
-                         progress);
+  const Truth truth = read_truth(folder / "truth.csv", flight.frames);
+  return evaluate_frames(index, std::array{FlightWithTruth{flight, truth}}, mission.route.agl_m, options, progress);
 }
 
 // `count` views of the map as another day might show it: turned, up to 5 % larger or smaller, brighter or darker,
