@@ -606,10 +606,12 @@ Eigen::Vector2d FlightFilter::update_relative(const RelativeMotionMeasurement& m
   if (!joint_) return Eigen::Vector2d::Zero();
   blind_turn_rad_ = blind_s_ = 0;
   const auto prior = *joint_;
+  const auto prior_inertial = inertial_;
   const Eigen::Vector2d predicted = prior.first.segment<2>(east);
   apply_relative_motion(measurement, measurement.value.head<2>());
   const Eigen::Vector2d m = joint_->first.segment<2>(states + east) - joint_->first.segment<2>(east);
   joint_ = prior;
+  inertial_ = prior_inertial;
   apply_relative_motion(measurement, m);
   return joint_->first.segment<2>(east) - predicted;
 }

@@ -64,8 +64,7 @@
 // (world, that is east, north, up, from the sensor's axes b) and biases b_g, b_a as nominal values, and their errors as
 // states:
 //
-//   e = (φ, δb_g, δb_a, δM)    R_true = Exp(φ) R, b_true = b + δb …; zero after each update, which moves the nominal
-//   values
+//   e = (φ, δb_g, δb_a, δM)    R_true = Exp(φ) R, b_true = b + δb …; zero after each update: that moves R, b, M
 //
 // and the process model of velocity, position and heading becomes, with t, ΔR, Δv, Δp, J and their covariance
 // preintegrated between two moments, and the Earth's rate ω_e:

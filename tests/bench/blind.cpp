@@ -1,5 +1,5 @@
-// The camera goes blind: how far off the flight filter is after a while, with an inertial sensor and without, and whether
-// it knows. docs/benchmarks.md.
+// The camera goes blind: how far off the flight filter is after a while, with an inertial sensor and without, and
+// whether it knows. docs/benchmarks.md.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -41,10 +41,17 @@ int main(int argc, char** argv) {
   std::uint64_t seed = 1;
   app.add_option("--flights", flights, "of each kind")->check(CLI::Range(20, 1000000))->capture_default_str();
   app.add_option("--seed", seed, "determines everything")->capture_default_str();
+  int seen_s = BlindOptions{}.seen_s;
+  app.add_option("--seen-s", seen_s, "before the camera goes blind")
+      ->check(CLI::Range(30, 3600))
+      ->capture_default_str();
+  bool raw_imu = false;
+  app.add_flag("--raw-imu", raw_imu, "as ArduPilot's RAW_IMU: 40 samples a second, in whole mrad/s and mg");
   CLI11_PARSE(app, argc, argv);
-  std::cout << fmt::format("{} flights of each kind, seed {}. Errors: median, 95 %. NEES: mean (right: 2); percent "
-                           "within the 50 % and the 95 % ellipse\n\n",
-                           flights, seed)
+  std::cout << fmt::format(
+                   "{} flights of each kind, seed {}. Errors: median, 95 %. NEES: mean (right: 2); percent "
+                   "within the 50 % and the 95 % ellipse\n\n",
+                   flights, seed)
             << "| blind | with IMU: error, m | median σ, m | NEES | without: error, m | median σ, m | NEES |\n"
             << "|---|---|---|---|---|---|---|\n";
   constexpr const char* kTurns[] = {"straight on", "one turn", "two opposite turns"};
@@ -59,6 +66,11 @@ int main(int argc, char** argv) {
           options.turns = turns;
           options.turn_sign = i % 2 == 0 ? 1 : -1;
           options.imu = imu;
+          options.seen_s = seen_s;
+          if (raw_imu) {
+            options.rate_hz = 40;
+            options.spoil = round_as_raw_imu;
+          }
           const BlindEnd end = fly_blind(random, options);
           Row& row = imu ? with : without;
           row.errors_m.push_back(end.error_m);

@@ -49,6 +49,14 @@ BodyMotion motion_of(const FixedWing& wing, double time_s) {
 
 }  // namespace
 
+void round_as_raw_imu(int, std::vector<InertialSample>& samples) {
+  constexpr double kRate_rad_s = 1e-3, kForce_mps2 = 9.80665e-3;
+  for (InertialSample& sample : samples) {
+    for (double& rate : sample.rate_rad_s) rate = std::round(rate / kRate_rad_s) * kRate_rad_s;
+    for (double& force : sample.force_mps2) force = std::round(force / kForce_mps2) * kForce_mps2;
+  }
+}
+
 BlindEnd fly_blind(Random random, const BlindOptions& options) {
   const TelemetryUncertainty& sigma = options.uncertainty;
   DrawnTruth is(random, sigma);

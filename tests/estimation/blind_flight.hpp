@@ -35,4 +35,7 @@ struct BlindEnd {
 
 BlindEnd fly_blind(Random random, const BlindOptions& options);
 
+// To whole mrad/s and mg, as ArduPilot's RAW_IMU is.
+void round_as_raw_imu(int second, std::vector<InertialSample>& samples);
+
 }  // namespace nadir::test
