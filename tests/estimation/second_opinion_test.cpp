@@ -7,8 +7,8 @@
 #include <optional>
 
 #include "base/error.hpp"
-#include "bench/likelihood_fit.hpp"
 #include "base/files.hpp"
+#include "bench/likelihood_fit.hpp"
 #include "estimation/localizer_fixture.hpp"
 #include "support/onnx_writer.hpp"
 #include "support/temporary_folder.hpp"
@@ -234,6 +234,33 @@ TEST(SecondOpinionFlight, ChangesNothingUntilItIsAsked) {
     EXPECT_EQ(alone.first[i].hpl_m, never.first[i].hpl_m);
   }
   EXPECT_GE(always.second, alone.second);
+}
+
+// The whole path: an ONNX file, the plug-in, ONNX Runtime, the matcher, a place. The network is one convolution.
+TEST(OnnxMatcher, FindsAPlaceByAModel) {
+  const std::filesystem::path plugins(NETWORK_PLUGINS);
+  for (const char* file : {"nadir_network_onnxruntime.so", "libonnxruntime.so.1"}) {
+    if (!std::filesystem::exists(plugins / file)) GTEST_SKIP() << "NOT TESTED: no " << file << " (docs/building.md)";
+  }
+  const TemporaryFolder folder;
+  const auto model = folder.path() / "tiny.onnx";
+  write_file_atomic(model, onnx_model({.channels = 12}));
+  const OpenedNetwork opened = open_network({model, sha256_file(model)}, {plugins});
+  const FlatGround ground;
+  const CameraModel camera = flight_camera().camera;
+  const auto matcher =
+      make_descriptor_matcher({camera, landscape_tiles(), LocalFrame(kOrigin), ground}, opened.network);
+  const Moment& moment = short_flight()[1];
+  AnchorPrior prior;
+  prior.search.pose = moment.truth;
+  prior.search.pose.position.east_m += 25;
+  prior.search.pose.position.north_m -= 18;
+  prior.search.radius_m = 60;
+  prior.search.heading_range_rad = 0.06;
+  prior.search.scale_range = 0.04;
+  const AnchorMatch match = matcher->match(moment.image, prior);
+  ASSERT_TRUE(match.solved);
+  EXPECT_LT(distance_m(match.solved->pose.position, moment.truth.position), 5);
 }
 
 TEST(SecondMatcherCheck, SaysWhyAModelIsNotUsed) {
