@@ -109,22 +109,27 @@ std::size_t outcome_class(double log_likelihood_ratio) {
 }
 
 double outcome_evidence(const OutcomeCounts& counts, double log_likelihood_ratio, SecondOutcome outcome) {
-  const std::size_t row = outcome_class(log_likelihood_ratio);
-  const auto& place = counts.place[row];
-  const auto& chance = counts.chance[row];
+  using Row = std::array<int, OutcomeCounts::kOutcomes>;
+  const auto from = [](const OutcomeCounts::Counts& rows, std::size_t lowest) {
+    Row sum{};
+    for (std::size_t row = lowest; row < rows.size(); ++row) {
+      for (std::size_t column = 0; column < sum.size(); ++column) sum[column] += rows[row][column];
+    }
+    return sum;
+  };
+  const auto total = [](const Row& row) { return std::accumulate(row.begin(), row.end(), 0.0); };
+  std::size_t lowest = outcome_class(log_likelihood_ratio);
+  while (lowest > 0 && total(from(counts.chance, lowest)) == 0) --lowest;
+  const Row place = from(counts.place, lowest), chance = from(counts.chance, lowest);
+  const double places = total(place), chances = total(chance);
+  if (places == 0 || chances == 0) return 0;  // nothing was counted
   const auto column = static_cast<std::size_t>(outcome);
-  const double places = std::accumulate(place.begin(), place.end(), 0),
-               chances = std::accumulate(chance.begin(), chance.end(), 0);
-  if (places == 0 || chances == 0) return 0;  // nothing is known of this class
-  // Each share to its safe side: an agreement says no more than its bound allows, a disagreement speaks against it
-  // fully.
+  // Each share to its safe side: an agreement says what its bound allows, a disagreement speaks against it fully.
   if (is_agreement(outcome)) {
     const double expected = place[column] / places, by_chance = std::min(1.0, upper_bound(chance[column]) / chances);
     return expected > 0 ? std::max(0.0, std::log(expected / by_chance)) : 0;
   }
-  const double one_more = 1;
-  return std::min(0.0, std::log((place[column] + one_more) / (places + one_more)) -
-                           std::log((chance[column] + one_more) / (chances + one_more)));
+  return std::min(0.0, std::log((place[column] + 1) / (places + 1)) - std::log((chance[column] + 1) / (chances + 1)));
 }
 
 SecondOutcome outcome_of(const AnchorMatch& of, const AnchorMatch& other, double other_log_likelihood_ratio) {

@@ -70,7 +70,8 @@ struct SecondLikelihoodTable {
 // The row of a candidate's ln Λ in the counts.
 std::size_t outcome_class(double log_likelihood_ratio);
 
-// ln r, nats.
+// ln r, nats. Of a class counts what was seen of candidates that were at least as sure; where none of those was a
+// chance peak, of the next class below as well.
 double outcome_evidence(const OutcomeCounts& counts, double log_likelihood_ratio, SecondOutcome outcome);
 
 // of: the candidate that is judged. Both with their ln Λ; either may have no solved pose.

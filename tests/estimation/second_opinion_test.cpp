@@ -39,10 +39,17 @@ SecondLikelihoodTable table() {
 
 TEST(OutcomeEvidence, AnAgreementSaysWhatItsBoundAllows) {
   const OutcomeCounts counts = counted();
-  // 60 of 100 places, and 1 of 1000 chance peaks, of which at most 5.6 are believed.
-  EXPECT_NEAR(outcome_evidence(counts, 1, SecondOutcome::agrees_strongly), std::log(0.6 / (5.645 / 1000)), 1e-3);
+  // Of those as sure or surer: 140 of 200 places, and 2 of 1100 chance peaks, of which at most 7.3 are believed.
+  EXPECT_NEAR(outcome_evidence(counts, 1, SecondOutcome::agrees_strongly), std::log(0.7 / (7.326 / 1100)), 1e-3);
+  EXPECT_NEAR(outcome_evidence(counts, -1, SecondOutcome::agrees_strongly), std::log(170.0 / 300 / (7.326 / 2100)),
+              1e-3);
   // Never seen by chance: three are believed.
-  EXPECT_NEAR(outcome_evidence(counts, -1, SecondOutcome::agrees_strongly), std::log(0.3 / (3.0 / 1000)), 1e-3);
+  OutcomeCounts never = counts;
+  never.chance[2][0] = 0;
+  EXPECT_NEAR(outcome_evidence(never, 5, SecondOutcome::agrees_strongly), std::log(0.8 / (3.0 / 99)), 1e-3);
+  // Where no chance peak was as sure, those of the next class count.
+  never.chance[2] = {};
+  EXPECT_NEAR(outcome_evidence(never, 5, SecondOutcome::agrees_strongly), std::log(0.7 / (5.645 / 1000)), 1e-3);
   EXPECT_LT(outcome_evidence(counts, 1, SecondOutcome::agrees),
             outcome_evidence(counts, 1, SecondOutcome::agrees_strongly));
 }
