@@ -265,6 +265,9 @@ TEST(OnnxMatcher, FindsAPlaceByAModel) {
   prior.search.radius_m = 60;
   prior.search.heading_range_rad = 0.06;
   prior.search.scale_range = 0.04;
+  prior.heading_sigma_rad = 0.02;
+  prior.log_agl_sigma = 0.015;
+  prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 1e-4;
   const AnchorMatch match = matcher->match(moment.image, prior);
   ASSERT_TRUE(match.solved);
   EXPECT_LT(distance_m(match.solved->pose.position, moment.truth.position), 5);
