@@ -23,6 +23,8 @@ bool is_agreement(SecondOutcome outcome) {
   return outcome == SecondOutcome::agrees || outcome == SecondOutcome::agrees_strongly;
 }
 
+bool has_candidate(const AnchorMatch& match) { return match.solved && !match.search.places.empty(); }
+
 double upper_bound(int count) { return count + opinion::kRuleOfThree + opinion::kUpperSigmas * std::sqrt(count); }
 
 class SecondOpinionMatcher final : public MapMatcher {
@@ -46,7 +48,7 @@ class SecondOpinionMatcher final : public MapMatcher {
  private:
   // lost: all of an area was searched. Then the second only confirms what the first has found.
   AnchorMatch judged(AnchorMatch found, const cv::Mat& grey, const AnchorPrior& prior, double area_m2, bool lost) {
-    const bool candidate = found.solved && !found.search.places.empty();
+    const bool candidate = has_candidate(found);
     if (second_ == nullptr || !found.on_map || (lost && !candidate)) return found;
     const double log_first = candidate ? log_likelihood_ratio(found, prior, area_m2) : 0;
     const bool doubtful = prior.doubted || !candidate || log_first < opinion::kAskedBelow;
@@ -65,24 +67,14 @@ class SecondOpinionMatcher final : public MapMatcher {
   AnchorMatch weigh(AnchorMatch found, AnchorMatch other, const AnchorPrior& prior, const AnchorPrior& where,
                     double log_first, bool lost) const {
     const SecondLikelihoodTable& table = *how_.table;
-    const bool candidate = found.solved && !found.search.places.empty();
     const double side_m = 2 * where.search.radius_m;
-    const double log_second = other.solved && !other.search.places.empty()
-                                  ? nadir::log_likelihood_ratio(features_of(other, where, side_m * side_m), table.look)
-                                  : 0;
-    if (candidate) {
-      found.judged_log_likelihood_ratio =
-          std::clamp(log_first + outcome_evidence(table.first, log_first, outcome_of(found, other, log_second)),
-                     -table.look.limit, std::max(log_first, table.look.limit));
-    }
-    // The second's own candidate, where it is another one and within what was to be searched.
-    const SecondOutcome of_other = outcome_of(other, found, log_first);
-    if (lost || !other.solved || is_agreement(of_other) || !inside(other, prior)) return found;
-    other.judged_log_likelihood_ratio =
-        log_second + std::min(0.0, outcome_evidence(table.second, log_second, of_other)) - std::numbers::ln2;
-    if (!candidate) return other;
-    *found.judged_log_likelihood_ratio -= std::numbers::ln2;
-    return *other.judged_log_likelihood_ratio > *found.judged_log_likelihood_ratio ? other : found;
+    const double log_second =
+        has_candidate(other) ? nadir::log_likelihood_ratio(features_of(other, where, side_m * side_m), table.look) : 0;
+    const bool may_replace = !lost && has_candidate(other) && inside(other, prior);
+    const JointEvidence joint = joint_evidence(found, log_first, other, log_second, may_replace, table);
+    AnchorMatch& judged = joint.of_second ? other : found;
+    judged.judged_log_likelihood_ratio = joint.log_likelihood_ratio;
+    return std::move(judged);
   }
 
   static bool inside(const AnchorMatch& match, const AnchorPrior& prior) {
@@ -117,32 +109,55 @@ std::size_t outcome_class(double log_likelihood_ratio) {
 }
 
 double outcome_evidence(const OutcomeCounts& counts, double log_likelihood_ratio, SecondOutcome outcome) {
-  const std::size_t row = outcome_class(log_likelihood_ratio);
-  const auto& place = counts.place[row];
-  const auto& chance = counts.chance[row];
+  using Row = std::array<int, OutcomeCounts::kOutcomes>;
+  const auto from = [](const OutcomeCounts::Counts& rows, std::size_t lowest) {
+    Row sum{};
+    for (std::size_t row = lowest; row < rows.size(); ++row) {
+      for (std::size_t column = 0; column < sum.size(); ++column) sum[column] += rows[row][column];
+    }
+    return sum;
+  };
+  const auto total = [](const Row& row) { return std::accumulate(row.begin(), row.end(), 0.0); };
+  std::size_t lowest = outcome_class(log_likelihood_ratio);
+  while (lowest > 0 && total(from(counts.chance, lowest)) == 0) --lowest;
+  const Row place = from(counts.place, lowest), chance = from(counts.chance, lowest);
+  const double places = total(place), chances = total(chance);
+  if (places == 0 || chances == 0) return 0;  // nothing was counted
   const auto column = static_cast<std::size_t>(outcome);
-  const double places = std::accumulate(place.begin(), place.end(), 0),
-               chances = std::accumulate(chance.begin(), chance.end(), 0);
-  if (places == 0 || chances == 0) return 0;  // nothing is known of this class
-  // Each share to its safe side: an agreement says no more than its bound allows, a disagreement speaks against it
-  // fully.
+  // Each share to its safe side: an agreement says what its bound allows, a disagreement speaks against it fully.
   if (is_agreement(outcome)) {
     const double expected = place[column] / places, by_chance = std::min(1.0, upper_bound(chance[column]) / chances);
     return expected > 0 ? std::max(0.0, std::log(expected / by_chance)) : 0;
   }
-  const double one_more = 1;
-  return std::min(0.0, std::log((place[column] + one_more) / (places + one_more)) -
-                           std::log((chance[column] + one_more) / (chances + one_more)));
+  return std::min(0.0, std::log((place[column] + 1) / (places + 1)) - std::log((chance[column] + 1) / (chances + 1)));
 }
 
 SecondOutcome outcome_of(const AnchorMatch& of, const AnchorMatch& other, double other_log_likelihood_ratio) {
-  if (!other.solved || other.search.places.empty() || !of.solved) return SecondOutcome::none;
+  if (!has_candidate(other) || !has_candidate(of)) return SecondOutcome::none;
   const double gsd_m = std::max(of.fine_gsd_m, other.fine_gsd_m);
   const bool same = distance_m(of.solved->pose.position, other.solved->pose.position) <=
                     opinion::kAgreement_cells * kDescriptorCell_px * gsd_m;
   const bool strong = other_log_likelihood_ratio >= opinion::kStrong;
   if (same) return strong ? SecondOutcome::agrees_strongly : SecondOutcome::agrees;
   return strong ? SecondOutcome::differs_strongly : SecondOutcome::differs;
+}
+
+JointEvidence joint_evidence(const AnchorMatch& first, double log_first, const AnchorMatch& second, double log_second,
+                             bool may_replace, const SecondLikelihoodTable& table) {
+  JointEvidence joint;
+  if (has_candidate(first)) {
+    joint.log_likelihood_ratio =
+        std::clamp(log_first + outcome_evidence(table.first, log_first, outcome_of(first, second, log_second)),
+                   -table.look.limit, std::max(log_first, table.look.limit));
+  }
+  const SecondOutcome of_second = outcome_of(second, first, log_first);
+  if (!may_replace || !has_candidate(second) || is_agreement(of_second)) return joint;
+  // Another place. Of two candidates the better one counts, and each had its chance: less ln 2.
+  const double log_other =
+      log_second + std::min(0.0, outcome_evidence(table.second, log_second, of_second)) - std::numbers::ln2;
+  if (joint.log_likelihood_ratio) *joint.log_likelihood_ratio -= std::numbers::ln2;
+  if (joint.log_likelihood_ratio && *joint.log_likelihood_ratio >= log_other) return joint;
+  return {.of_second = true, .log_likelihood_ratio = log_other};
 }
 
 const SecondLikelihoodTable& second_likelihood_table() { return kSecondLikelihoodTable; }

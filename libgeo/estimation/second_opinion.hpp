@@ -70,11 +70,21 @@ struct SecondLikelihoodTable {
 // The row of a candidate's ln Λ in the counts.
 std::size_t outcome_class(double log_likelihood_ratio);
 
-// ln r, nats.
+// ln r, nats. Of a class counts what was seen of candidates that were at least as sure; where none of those was a
+// chance peak, of the next class below as well.
 double outcome_evidence(const OutcomeCounts& counts, double log_likelihood_ratio, SecondOutcome outcome);
 
 // of: the candidate that is judged. Both with their ln Λ; either may have no solved pose.
 SecondOutcome outcome_of(const AnchorMatch& of, const AnchorMatch& other, double other_log_likelihood_ratio);
+
+// What both matches of one look come to: the candidate that counts, and its ln Λ.
+struct JointEvidence {
+  bool of_second = false;                      // the second's candidate; else the first's
+  std::optional<double> log_likelihood_ratio;  // none: neither has a candidate
+};
+// may_replace: the second's candidate may take the place of the first's.
+JointEvidence joint_evidence(const AnchorMatch& first, double log_first, const AnchorMatch& second, double log_second,
+                             bool may_replace, const SecondLikelihoodTable& table);
 
 // The one in force.
 const SecondLikelihoodTable& second_likelihood_table();

@@ -234,6 +234,10 @@ class DescriptorMatcher final : public MapMatcher {
                                            PlanePoint from, const GroundSurface& surface, const Cancel& cancel) const {
     const auto grid = cell_grid(frame.camera, {pose}, map.cell_m, from);
     if (!grid) return std::nullopt;
+    // Patches that agree by chance may solve for a camera in space: what shows more than the map is no match, and would
+    // take any amount of memory.
+    const cv::Size size = map.picture.mask.size();
+    if (grid->columns > 2 * size.width || grid->rows > 2 * size.height) return std::nullopt;
     GroundGrid pixels = *grid;
     pixels.gsd_m = map.gsd_m;
     pixels.columns *= kDescriptorCell_px;

@@ -127,16 +127,54 @@ void print_costs(const std::vector<Results>& all, const std::vector<std::uint64_
   std::cout << "\n";
 }
 
-// As outcome_of() judges two matches.
+// What the evidence needs of a match.
+AnchorMatch match_of(const Look& look) {
+  AnchorMatch match;
+  match.fine_gsd_m = look.fine_gsd_m;
+  if (!look.candidate()) return match;
+  match.search.places.emplace_back();
+  match.solved.emplace().pose.position = PlanePoint(look.off_m);
+  return match;
+}
+
 SecondOutcome outcome(const Look& of, const Look& other, double other_log_likelihood_ratio) {
-  AnchorMatch one, two;
-  for (const auto& [match, look] : {std::pair{&one, &of}, std::pair{&two, &other}}) {
-    match->fine_gsd_m = look->fine_gsd_m;
-    if (!look->candidate()) continue;
-    match->search.places.emplace_back();
-    match->solved.emplace().pose.position = PlanePoint(look->off_m);
+  return outcome_of(match_of(of), match_of(other), other_log_likelihood_ratio);
+}
+
+// How sure looks are by the first matcher alone, and by both: of the right ones as many as possible, of the others
+// hardly any. The mean ratio of chance peaks is 1 at most where the evidence is honest.
+void print_joint(const Results& first, const Results& second, const SecondLikelihoodTable& table,
+                 const std::vector<std::uint64_t>& indices) {
+  std::cout << "| evidence | right | of these ln Λ above 3 | above 6.9 | wrong | of these above 3 | above 6.9 | mean Λ "
+               "of the wrong "
+               "|\n|---|---|---|---|---|---|---|---|\n";
+  for (const SecondMatcherUse use : {SecondMatcherUse::never, SecondMatcherUse::automatic, SecondMatcherUse::always}) {
+    std::array<std::array<int, 3>, 2> counts{};
+    double mean = 0;
+    for (const std::uint64_t index : indices) {
+      const Look &one = first.file.looks.at(index), &two = second.file.looks.at(index);
+      const double log_first = one.candidate() ? log_likelihood_ratio(one.features, look_likelihood_table()) : 0;
+      const double log_second = two.candidate() ? log_likelihood_ratio(two.features, table.look) : 0;
+      JointEvidence joint{false, one.candidate() ? std::optional(log_first) : std::nullopt};
+      const bool doubtful = !one.candidate() || log_first < parameters::second_opinion::kAskedBelow;
+      if (use == SecondMatcherUse::always || (use == SecondMatcherUse::automatic && doubtful)) {
+        joint = joint_evidence(match_of(one), log_first, match_of(two), log_second, two.candidate(), table);
+      }
+      if (!joint.log_likelihood_ratio) continue;
+      const bool right = joint.of_second ? two.right() : one.right();
+      auto& [all, above3, above7] = counts[right ? 0 : 1];
+      ++all, above3 += *joint.log_likelihood_ratio > 3 ? 1 : 0;
+      above7 += *joint.log_likelihood_ratio >= parameters::belief::kUnambiguous ? 1 : 0;
+      if (!right) mean += std::exp(*joint.log_likelihood_ratio);
+    }
+    const auto& [right, wrong] = counts;
+    std::cout << fmt::format("| {} | {} | {} | {} | {} | {} | {} | {:.2f} |\n",
+                             use == SecondMatcherUse::never       ? "the first alone"
+                             : use == SecondMatcherUse::automatic ? "with the second, where it is in doubt"
+                                                                  : "with the second, always",
+                             right[0], right[1], right[2], wrong[0], wrong[1], wrong[2], mean / std::max(1, wrong[0]));
   }
-  return outcome_of(one, two, other_log_likelihood_ratio);
+  std::cout << "\n";
 }
 
 OutcomeCounts count_outcomes(const LooksFile& of, const LookLikelihoodTable& of_table, const LooksFile& other,
@@ -267,6 +305,13 @@ int main(int argc, char** argv) {
     const OutcomeCounts of_second = count_outcomes(second, own, first, look_likelihood_table(), indices);
     print_counts(all[0].matcher, of_first);
     print_counts(all[1].matcher, of_second);
+    SecondLikelihoodTable judged = second_likelihood_table();
+    if (fitted) {
+      judged.look = own;
+      judged.first = of_first;
+      judged.second = of_second;
+    }
+    print_joint(all[0], all[1], judged, indices);
     if (!fitted) return 0;
     write_file_atomic(table, table_source(sha256_file(model).hex(), fitted->training, own, of_first, of_second));
     return 0;

@@ -7,8 +7,8 @@
 #include <optional>
 
 #include "base/error.hpp"
-#include "bench/likelihood_fit.hpp"
 #include "base/files.hpp"
+#include "bench/likelihood_fit.hpp"
 #include "estimation/localizer_fixture.hpp"
 #include "support/onnx_writer.hpp"
 #include "support/temporary_folder.hpp"
@@ -39,10 +39,17 @@ SecondLikelihoodTable table() {
 
 TEST(OutcomeEvidence, AnAgreementSaysWhatItsBoundAllows) {
   const OutcomeCounts counts = counted();
-  // 60 of 100 places, and 1 of 1000 chance peaks, of which at most 5.6 are believed.
-  EXPECT_NEAR(outcome_evidence(counts, 1, SecondOutcome::agrees_strongly), std::log(0.6 / (5.645 / 1000)), 1e-3);
+  // Of those as sure or surer: 140 of 200 places, and 2 of 1100 chance peaks, of which at most 7.3 are believed.
+  EXPECT_NEAR(outcome_evidence(counts, 1, SecondOutcome::agrees_strongly), std::log(0.7 / (7.326 / 1100)), 1e-3);
+  EXPECT_NEAR(outcome_evidence(counts, -1, SecondOutcome::agrees_strongly), std::log(170.0 / 300 / (7.326 / 2100)),
+              1e-3);
   // Never seen by chance: three are believed.
-  EXPECT_NEAR(outcome_evidence(counts, -1, SecondOutcome::agrees_strongly), std::log(0.3 / (3.0 / 1000)), 1e-3);
+  OutcomeCounts never = counts;
+  never.chance[2][0] = 0;
+  EXPECT_NEAR(outcome_evidence(never, 5, SecondOutcome::agrees_strongly), std::log(0.8 / (3.0 / 99)), 1e-3);
+  // Where no chance peak was as sure, those of the next class count.
+  never.chance[2] = {};
+  EXPECT_NEAR(outcome_evidence(never, 5, SecondOutcome::agrees_strongly), std::log(0.7 / (5.645 / 1000)), 1e-3);
   EXPECT_LT(outcome_evidence(counts, 1, SecondOutcome::agrees),
             outcome_evidence(counts, 1, SecondOutcome::agrees_strongly));
 }
@@ -234,6 +241,36 @@ TEST(SecondOpinionFlight, ChangesNothingUntilItIsAsked) {
     EXPECT_EQ(alone.first[i].hpl_m, never.first[i].hpl_m);
   }
   EXPECT_GE(always.second, alone.second);
+}
+
+// The whole path: an ONNX file, the plug-in, ONNX Runtime, the matcher, a place. The network is one convolution.
+TEST(OnnxMatcher, FindsAPlaceByAModel) {
+  const std::filesystem::path plugins(NETWORK_PLUGINS);
+  for (const char* file : {"nadir_network_onnxruntime.so", "libonnxruntime.so.1"}) {
+    if (!std::filesystem::exists(plugins / file)) GTEST_SKIP() << "NOT TESTED: no " << file << " (docs/building.md)";
+  }
+  const TemporaryFolder folder;
+  const auto model = folder.path() / "tiny.onnx";
+  write_file_atomic(model, onnx_model({.channels = 12}));
+  const OpenedNetwork opened = open_network({model, sha256_file(model)}, {plugins});
+  const FlatGround ground;
+  const CameraModel camera = flight_camera().camera;
+  const auto matcher =
+      make_descriptor_matcher({camera, landscape_tiles(), LocalFrame(kOrigin), ground}, opened.network);
+  const Moment& moment = short_flight()[1];
+  AnchorPrior prior;
+  prior.search.pose = moment.truth;
+  prior.search.pose.position.east_m += 25;
+  prior.search.pose.position.north_m -= 18;
+  prior.search.radius_m = 60;
+  prior.search.heading_range_rad = 0.06;
+  prior.search.scale_range = 0.04;
+  prior.heading_sigma_rad = 0.02;
+  prior.log_agl_sigma = 0.015;
+  prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 1e-4;
+  const AnchorMatch match = matcher->match(moment.image, prior);
+  ASSERT_TRUE(match.solved);
+  EXPECT_LT(distance_m(match.solved->pose.position, moment.truth.position), 5);
 }
 
 TEST(SecondMatcherCheck, SaysWhyAModelIsNotUsed) {

@@ -130,6 +130,23 @@ TEST_F(NadirdCheck, LooksAtTheCamera) {
   EXPECT_TRUE(has_code("camera.size")) << out_.str();
 }
 
+// A model that cannot be used is said, and keeps nobody on the ground.
+TEST_F(NadirdCheck, LooksAtTheSecondMatcher) {
+  airframe("bare.json", nullptr);
+  EXPECT_EQ(check(newer_, {"--airframe", path("bare.json")}), 0) << out_.str() << err_.str();
+  EXPECT_EQ(json::parse(out_.str())["second_matcher"], "none");
+  const std::string digest(64, '7');
+  airframe("second.json", nullptr, R"("matcher": {"model": "none.onnx", "sha256": ")" + digest + R"("}, )");
+  EXPECT_EQ(check(newer_, {"--airframe", path("second.json")}), 0) << out_.str() << err_.str();
+  EXPECT_TRUE(has_code("matcher.unusable")) << out_.str();
+  EXPECT_THAT(std::string(json::parse(out_.str())["second_matcher"]), testing::HasSubstr("not used"));
+  EXPECT_EQ(check(newer_, {"--airframe", path("second.json"), "--second-matcher", "never"}), 0);
+  EXPECT_FALSE(has_code("matcher.unusable")) << out_.str();
+  folder_.write("none.onnx", "another one");
+  EXPECT_EQ(check(newer_, {"--airframe", path("second.json")}), 0);
+  EXPECT_THAT(out_.str(), testing::HasSubstr("not the one that was chosen"));
+}
+
 TEST_F(NadirdCheck, AnUnsignedLinkMustBeChosenForTheCheckToo) {
   EXPECT_EQ(check(newer_, {"--airframe", "mini-07", "--autopilot", "udpin:127.0.0.1:0"}), 2);
   EXPECT_NE(err_.str().find("--unsigned-link"), std::string::npos) << err_.str();

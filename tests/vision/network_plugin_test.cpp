@@ -88,7 +88,7 @@ TEST_F(NetworkPlugins, CostIsTheLeastOfAFewRuns) {
                                 step_s *= 1.1;
                                 return now_s;
                               }),
-              1e3 * 0.01 * 1.331, 1e-6);
+              1e3 * 0.01 * 1.21, 1e-6);
 }
 
 // The plug-in that is installed, and ONNX Runtime.
