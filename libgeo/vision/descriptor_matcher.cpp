@@ -38,8 +38,9 @@ CameraPose posed(const CameraPose& pose, const CellTrial& trial, PlanePoint posi
 }
 
 // Whole cells of side cell_m around what the camera sees in all of the poses; its corner is whole cells from `from`.
+// Nothing where it sees the horizon, or more cells than `most`.
 std::optional<GroundGrid> cell_grid(const CameraModel& camera, const std::vector<CameraPose>& poses, double cell_m,
-                                    PlanePoint from) {
+                                    PlanePoint from, cv::Size most) {
   PlaneBox all{1, 1, -1, -1};
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const auto box = footprint_of(camera, poses[i]);
@@ -54,8 +55,11 @@ std::optional<GroundGrid> cell_grid(const CameraModel& camera, const std::vector
   grid.gsd_m = cell_m;
   grid.west_m = from.east_m + left * cell_m;
   grid.north_m = from.north_m - top * cell_m;
-  grid.columns = static_cast<int>(std::ceil((all.east_m - grid.west_m) / cell_m));
-  grid.rows = static_cast<int>(std::ceil((grid.north_m - all.south_m) / cell_m));
+  const double columns = std::ceil((all.east_m - grid.west_m) / cell_m),
+               rows = std::ceil((grid.north_m - all.south_m) / cell_m);
+  if (!(columns <= most.width && rows <= most.height)) return std::nullopt;
+  grid.columns = static_cast<int>(columns);
+  grid.rows = static_cast<int>(rows);
   return grid;
 }
 
@@ -232,12 +236,10 @@ class DescriptorMatcher final : public MapMatcher {
   // The frame under a pose, on cells that are whole cells from `from`.
   std::optional<FrameCells> describe_frame(const ReducedFrame& frame, const CameraPose& pose, const MapCells& map,
                                            PlanePoint from, const GroundSurface& surface, const Cancel& cancel) const {
-    const auto grid = cell_grid(frame.camera, {pose}, map.cell_m, from);
+    // Patches that agree by chance may solve for a camera in space: what shows much more than the map is no match, and
+    // would take any amount of memory.
+    const auto grid = cell_grid(frame.camera, {pose}, map.cell_m, from, map.picture.mask.size() * 2);
     if (!grid) return std::nullopt;
-    // Patches that agree by chance may solve for a camera in space: what shows more than the map is no match, and would
-    // take any amount of memory.
-    const cv::Size size = map.picture.mask.size();
-    if (grid->columns > 2 * size.width || grid->rows > 2 * size.height) return std::nullopt;
     GroundGrid pixels = *grid;
     pixels.gsd_m = map.gsd_m;
     pixels.columns *= kDescriptorCell_px;
@@ -270,9 +272,8 @@ class DescriptorMatcher final : public MapMatcher {
         poses.push_back(posed(prior.pose, trials.back(), {}));
       }
     }
-    const auto grid = cell_grid(frame.camera, poses, map.cell_m, {});
-    const cv::Size size = map.picture.mask.size();
-    if (!grid || grid->columns > size.width || grid->rows > size.height) return {};
+    const auto grid = cell_grid(frame.camera, poses, map.cell_m, {}, map.picture.mask.size());
+    if (!grid) return {};
     const WindowSpectra spectra(channels_of(map.picture), cv::Size(grid->columns, grid->rows));
     const std::size_t kept = options.candidates * kWideCandidates;
     std::vector<MatchHypothesis> found;

@@ -27,7 +27,7 @@ struct AnchorPrior {
   double log_agl_sigma = kAnchorLogAglSigma;
   Eigen::Matrix2d tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * kAnchorTiltVariance_rad2;  // pitch, roll
   bool doubted = false;  // more than one place is possible by now: worth a second matcher's look (second_opinion.hpp)
-  Cancel cancel;  // not a prior: ends the attempt by Interrupted, because a search may last half a minute
+  Cancel cancel;         // not a prior: ends the attempt by Interrupted, because a search may last half a minute
 };
 
 struct AnchorMatch {
@@ -40,8 +40,8 @@ struct AnchorMatch {
   bool on_map = true;  // false: the window holds no map
   // The worst CE90 that the tiles beneath the solved pose's footprint state; nothing where none states any.
   std::optional<double> map_ce90_m;
-  // ln of the likelihood ratio of true place over chance peak, where the matcher knows it by a table of its own. Nothing:
-  // it follows from the features above (estimation/look_likelihood.hpp).
+  // ln of the likelihood ratio of true place over chance peak, where the matcher knows it by a table of its own.
+  // Nothing: it follows from the features above (estimation/look_likelihood.hpp).
   std::optional<double> judged_log_likelihood_ratio;
   cv::Mat rectified;  // grey, as matched in the last round
   cv::Mat matched_map;

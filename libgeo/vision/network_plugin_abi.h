@@ -1,8 +1,8 @@
-/* What a network plug-in offers: one symbol, nadir_network_plugin(), in C, so that the program links no inference library
- * (libgeo/vision/plugin/onnxruntime_plugin.cpp is one).
+/* What a network plug-in offers: one symbol, nadir_network_plugin(), in C, so that the program links no inference
+ * library (libgeo/vision/plugin/onnxruntime_plugin.cpp is one).
  *
- * One network is used by one thread at a time. Nothing may throw. Texts are UTF-8; an error text is cut to its buffer and
- * ends with a NUL. */
+ * One network is used by one thread at a time. Nothing may throw. Texts are UTF-8; an error text is cut to its buffer
+ * and ends with a NUL. */
 #ifndef NADIR_NETWORK_PLUGIN_ABI_H
 #define NADIR_NETWORK_PLUGIN_ABI_H
 

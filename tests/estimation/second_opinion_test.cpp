@@ -254,9 +254,9 @@ TEST(OnnxMatcher, FindsAPlaceByAModel) {
   write_file_atomic(model, onnx_model({.channels = 12}));
   const OpenedNetwork opened = open_network({model, sha256_file(model)}, {plugins});
   const FlatGround ground;
+  const LocalFrame frame(kOrigin);
   const CameraModel camera = flight_camera().camera;
-  const auto matcher =
-      make_descriptor_matcher({camera, landscape_tiles(), LocalFrame(kOrigin), ground}, opened.network);
+  const auto matcher = make_descriptor_matcher({camera, landscape_tiles(), frame, ground}, opened.network);
   const Moment& moment = short_flight()[1];
   AnchorPrior prior;
   prior.search.pose = moment.truth;
