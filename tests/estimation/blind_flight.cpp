@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "estimation/tracking_state.hpp"
 #include "geodesy/angles.hpp"
 #include "simulation/fixed_wing.hpp"
 #include "vision/localizer_parameters.hpp"
@@ -108,6 +109,7 @@ BlindEnd fly_blind(Random random, const BlindOptions& options) {
     if (second > 0 && second <= options.seen_s) {
       step.relative_motion = see_motion(random, before, linearized_at(filter), was, is);
       if (filter.inertial()) end.largest_chi2 = std::max(end.largest_chi2, filter.motion_chi2(*step.relative_motion));
+      if (contradicts_inertial(filter, *step.relative_motion)) ++end.contradicted;
       filter.update_relative(*step.relative_motion);
       if (second % 10 == 5) {
         step.anchor = see_place(random, is, Vector2d::Zero());

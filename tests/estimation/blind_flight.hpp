@@ -27,6 +27,7 @@ struct BlindEnd {
   double velocity_error_mps = 0;
   bool inertial = false;    // at the end
   double largest_chi2 = 0;  // of what odometry said, against the inertial prediction
+  int contradicted = 0;     // such motions beyond the gate
   FlightFilter fresh;       // before the first step
   FlightFilter filter;      // at the end
   std::vector<FlightStep> steps;
