@@ -6,6 +6,7 @@
 #include <cmath>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 #include <set>
 
 #include "geodesy/angles.hpp"
@@ -46,6 +47,36 @@ double great_circle_m(LonLat a, LonLat b) {
   const double h = std::sin(lat) * std::sin(lat) +
                    std::cos(radians(a.lat_deg)) * std::cos(radians(b.lat_deg)) * std::sin(lon) * std::sin(lon);
   return 2 * kMeanRadius_m * std::asin(std::min(1.0, std::sqrt(h)));
+}
+
+// Whether the line from a to b comes into the box (Liang and Barsky 1984).
+bool crosses(GlobalPixel a, GlobalPixel b, const PixelBox& box) {
+  double begin = 0, end = 1;
+  const auto clip = [&](double from, double step, double low, double high) {
+    if (step == 0) return from >= low && from <= high;
+    const double enter = (low - from) / step, leave = (high - from) / step;
+    begin = std::max(begin, std::min(enter, leave)), end = std::min(end, std::max(enter, leave));
+    return begin <= end;
+  };
+  return clip(a.x, b.x - a.x, box.left, box.right) && clip(a.y, b.y - a.y, box.top, box.bottom);
+}
+
+// The part of the tile inside an outline that no edge of comes near it: all or nothing, as of its middle (even-odd
+// rule). Of a large raster nearly every tile is such a one. None when an edge comes near.
+std::optional<bool> whole_tile_inside(const std::vector<GlobalPixel>& outline, const TileKey& key) {
+  constexpr double kNear_px = 2;
+  const double left = static_cast<double>(key.x) * kTileSize, top = static_cast<double>(key.y) * kTileSize;
+  const PixelBox box{left - kNear_px, top - kNear_px, left + kTileSize + kNear_px, top + kTileSize + kNear_px};
+  const GlobalPixel middle{left + kTileSize / 2.0, top + kTileSize / 2.0};
+  bool inside = false;
+  for (std::size_t i = 0; i < outline.size(); ++i) {
+    const GlobalPixel a = outline[i], b = outline[(i + 1) % outline.size()];
+    if (crosses(a, b, box)) return std::nullopt;
+    if ((a.y > middle.y) != (b.y > middle.y) && middle.x < a.x + (middle.y - a.y) / (b.y - a.y) * (b.x - a.x)) {
+      inside = !inside;
+    }
+  }
+  return inside;
 }
 
 // The part of the tile inside the outline: 256 x 256, 255 inside.
@@ -165,6 +196,11 @@ std::vector<Sidecar> plan_sidecars(const Mission& mission, std::span<const Image
   std::vector<Sidecar> sidecars;
   for (int zoom = mission.zoom.min; zoom <= mission.zoom.max; ++zoom) {
     const TileRange level = range.at_zoom(zoom);
+    std::vector<std::vector<GlobalPixel>> outlines;
+    for (const ImageryInput& input : inputs) {
+      std::vector<GlobalPixel>& outline = outlines.emplace_back();
+      for (const MercatorXY& point : input.outline) outline.push_back(pixel_from_mercator(point, zoom));
+    }
     for (const TileKey& key : required_tiles(mission, zoom)) {
       if (!level.contains(key)) continue;
       Sidecar sidecar;
@@ -176,7 +212,11 @@ std::vector<Sidecar> plan_sidecars(const Mission& mission, std::span<const Image
                             kTileSize);
       for (std::size_t i = 0; i < inputs.size() && count < kTilePixels; ++i) {
         if (!lies_near(inputs[i], zoom, pixels)) continue;  // of thousands of rasters few do
-        valid |= rasterize_outline(inputs[i].outline, key);
+        if (const auto whole = whole_tile_inside(outlines[i], key); !whole) {
+          valid |= rasterize_outline(inputs[i].outline, key);
+        } else if (*whole) {
+          valid.setTo(255);
+        }
         const int now = cv::countNonZero(valid);
         if (now > count) used[i] = static_cast<std::uint64_t>(now - count);
         count = now;

@@ -55,6 +55,8 @@ min_resolution_m: 1.0
 budget_mb: 50
 freshness_days: {stable: 730, active: 400}
 airframes: [any]
+sectors:
+  - {id: field, class: stable, polygon: [[8.4985, 47.3990], [8.5015, 47.3990], [8.5015, 47.4010], [8.4985, 47.3990]]}
 route: {corridor_half_width_m: 40, agl_m: 100, points: [[8.4990, 47.4000], [8.5010, 47.4000]]}
 )";
   refusing([&] {

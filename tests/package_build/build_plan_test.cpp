@@ -4,6 +4,8 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <map>
+
 #include "base/files.hpp"
 #include "package/coverage_requirement.hpp"
 #include "package/mission_check.hpp"
@@ -75,6 +77,54 @@ TEST(BuildPlan, RequiredTilesEqualABruteForceTest) {
     }
     EXPECT_EQ(required_tiles(mission, zoom), expected) << zoom;
   }
+}
+
+// Two slanted rasters, one of which lies over a part of the route: each tile's valid share against a sample of its
+// points, be it whole inside, across an edge, or outside.
+TEST(BuildPlan, ThePlannedShareOfATileIsThatOfTheOutlines) {
+  Mission mission = long_route(0.02, 0.03);
+  mission.zoom = {13, 17};
+  const auto input_of = [](std::vector<LonLat> corners) {
+    ImageryInput input{"map.tif", {UtcTime{0}, 0.5, 5, "survey"}, {}};
+    for (const LonLat& corner : corners) input.outline.push_back(mercator_from_lonlat(corner));
+    return input;
+  };
+  const std::vector<ImageryInput> inputs = {
+      input_of({{10.99, 48.005}, {11.004, 48.025}, {11.012, 48.012}, {11.002, 47.995}}),
+      input_of({{11.006, 48.016}, {11.03, 48.02}, {11.028, 48.04}, {11.001, 48.027}})};
+  const auto contains = [](const ImageryInput& input, MercatorXY at) {
+    bool inside = false;
+    for (std::size_t i = 0; i < input.outline.size(); ++i) {
+      const MercatorXY a = input.outline[i], b = input.outline[(i + 1) % input.outline.size()];
+      if ((a.y_m > at.y_m) != (b.y_m > at.y_m) && at.x_m < a.x_m + (at.y_m - a.y_m) / (b.y_m - a.y_m) * (b.x_m - a.x_m))
+        inside = !inside;
+    }
+    return inside;
+  };
+  std::map<TileKey, double> planned;
+  for (const Sidecar& sidecar : plan_sidecars(mission, inputs, plan_range(mission, inputs))) {
+    planned[sidecar.key] = static_cast<double>(sidecar.valid_ppm) / kWholeTile_ppm;
+  }
+  int whole = 0, parts = 0, none = 0;
+  constexpr int kAcross = 32;
+  for (int zoom = mission.zoom.min; zoom <= mission.zoom.max; ++zoom) {
+    for (const TileKey& key : required_tiles(mission, zoom)) {
+      const double pixel_m = mercator_pixel_m(zoom);
+      int inside = 0;
+      for (int i = 0; i < kAcross * kAcross; ++i) {
+        const double x = (key.x + (i % kAcross + 0.5) / kAcross) * kTileSize;
+        const double y = (key.y + (i / kAcross + 0.5) / kAcross) * kTileSize;
+        const MercatorXY at{x * pixel_m - kMercatorHalfWorld_m, kMercatorHalfWorld_m - y * pixel_m};
+        inside += contains(inputs[0], at) || contains(inputs[1], at) ? 1 : 0;
+      }
+      const double share = inside / static_cast<double>(kAcross * kAcross);
+      EXPECT_NEAR(planned.contains(key) ? planned[key] : 0, share, 0.03) << key.z << " " << key.x << " " << key.y;
+      ++(share == 1 ? whole : share == 0 ? none : parts);
+    }
+  }
+  EXPECT_GT(whole, 10);
+  EXPECT_GT(parts, 10);
+  EXPECT_GT(none, 3);
 }
 
 TEST(BuildPlan, SwappedCoordinatesAreSuspectedWhereTheyWouldFit) {
