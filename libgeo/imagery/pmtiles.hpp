@@ -52,7 +52,7 @@ struct PmtilesCounts {
 };
 
 // read: the bytes of a tile, asked for once for each content, in the order of ids; written: after each. Memory: the
-// tiles' facts and the directories, about 80 bytes for each tile. The same tiles and facts give the same bytes. The
+// tiles' facts and the directories, about 160 bytes for each tile. The same tiles and facts give the same bytes. The
 // file is created, and is whole and closed when this returns. Throws Error when it exists, when a tile is there twice,
 // and when `read` returns another size than stated.
 PmtilesCounts write_pmtiles(const std::filesystem::path& path, std::vector<PmtilesTile> tiles,

@@ -17,6 +17,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   arm64         the cross build under qemu: tests, bytes beside this machine's own build, instructions per frame (--quick; ten minutes)
   package       tile sets from one picture: Nadir, gdal_translate + gdaladdo, gdal2tiles.py, rio-mbtiles, rio-cogeo
   validators    what validators say about damaged tile sets and about Nadir's own
+  export        a package's imagery for other programs: size, time and memory of each format (a minute)
   patch         bytes on the wire for a map of which 2 % have changed: a patch, rsync, xdelta3, zstd (a minute; --format cog)
   kill          builds and resumes killed at random moments
   area          20 km² at zoom 19: built, verified in full, indexed, read tile by tile (15 minutes)
@@ -102,6 +103,7 @@ part() {
     arm64)        one_program nadir && python3 -B "$here/arm64.py" "$@" ;;
     package)      programs && python3 "$here/package.py" "$@" ;;
     validators)   python3 "$here/validators.py" "$@" ;;
+    export)       one_program nadir && python3 -B "$here/export.py" "$@" ;;
     patch)        one_program nadir && python3 -B "$here/patch.py" "$@" ;;
     kill)         python3 "$here/kill_resume.py" "$@" ;;
     scale)        one_program nadir && python3 -B "$here/scale.py" "$@" ;;
