@@ -311,7 +311,9 @@ RoutePrediction predict_route(const Mission& mission, const TileSource& tiles, s
   prediction.alert_limit_m = mission.integrity.alert_limit_m;
   const double frame_spacing_m =
       std::max(kLeastSpacing_m, (1 - kFrameOverlap) * options.camera.height / options.camera.fy * mission.route.agl_m);
-  prediction.spacing_m = options.spacing_m.value_or(frame_spacing_m);
+  // One look for each frame: farther apart, a look has the worst level of several.
+  const double flown_m = options.interval_s.value_or(0) * options.speed_mps.value_or(kUsualSpeed_mps);
+  prediction.spacing_m = options.spacing_m.value_or(std::max(frame_spacing_m, flown_m));
   prediction.looks = looks_along(mission, frame, ground, prediction.spacing_m, options.camera, prediction.route_m);
   std::vector<PredictedLook>& looks = prediction.looks;
 

@@ -29,7 +29,7 @@ namespace nadir {
 struct PredictionOptions {
   CameraModel camera;
   TelemetryUncertainty uncertainty;  // of the camera file
-  std::optional<double> spacing_m;   // of the predicted looks; default: neighbours overlap by 70 %
+  std::optional<double> spacing_m;   // of the predicted looks; default: that of the frames, at most 70 % overlap
   std::optional<double> speed_mps;   // ground speed; default: that of a small fixed wing
   std::optional<double> interval_s;  // between the flown frames; default: neighbours overlap by 70 %
   double search_m = kMatchabilityRadius_m;

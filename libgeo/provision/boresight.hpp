@@ -3,9 +3,9 @@
 // between them in all frames alike is the mount. No filter is in between, which would carry one frame's error into the
 // next.
 //
-// Robust least squares over seven unknowns, solved by Ceres: yaw, pitch and roll of the mount, the missing part of the capture delay d,
-// the common offset (e, n) between GPS and map, and the logarithm h of a factor on the height. The prediction of one
-// frame is
+// Robust least squares over seven unknowns, solved by Ceres: yaw, pitch and roll of the mount, the missing part of the
+// capture delay d, the common offset (e, n) between GPS and map, and the logarithm h of a factor on the height. The
+// prediction of one frame is
 //   position = gps - velocity d + (e, n)
 //   log(true / stated height) = h
 //   attitude = mount composed with (aircraft attitude - rate d)

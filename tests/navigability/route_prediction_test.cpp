@@ -204,6 +204,20 @@ TEST(RoutePrediction, FramesMayBeFlownCloserOrFartherThanLooksArePredicted) {
   }
 }
 
+TEST(RoutePrediction, AskedForNothingElseThereIsALookForEachFrame) {
+  NoProgress progress;
+  PredictionOptions options = options_of();
+  options.spacing_m.reset();
+  options.speed_mps = 25;
+  const Mission mission = coastal_mission(-500, 0, 150);
+  const Coast tiles;
+  const double overlapping_m = 0.3 * 150 * 360 / 500;
+  for (const auto& [interval_s, spacing_m] : {std::pair{0.2, overlapping_m}, std::pair{4.0, 100.0}}) {
+    options.interval_s = interval_s;
+    EXPECT_NEAR(predict_route(mission, tiles, {}, nullptr, options, progress).spacing_m, spacing_m, 1e-9);
+  }
+}
+
 TEST(RoutePrediction, DocumentsAreGeoJsonAndStable) {
   const RoutePrediction prediction = predicted(coastal_mission(-300, 500, 150));
   const auto map = prediction_geojson(prediction);

@@ -64,7 +64,9 @@ void MissionPredictCommand::setup(Options& options) {
   options.positional("MISSION.yaml", mission_, "mission whose route is flown").required();
   options.positional("PACKAGE", package_, "package, MBTiles file or COG that it is flown with").required();
   options.value("--camera", camera_, "FILE.yaml", "camera of the flight").required();
-  options.value("--spacing-m", spacing_m_, "M", "distance between predicted looks; default: 70 % overlap")
+  options
+      .value("--spacing-m", spacing_m_, "M",
+             "distance between predicted looks; default: a look a frame, at most 70 % overlap")
       .between(1, 5000);
   options.value("--search-m", search_m_, "M", "search radius of the flight").between(60, 1200);
   options.value("--speed-mps", speed_mps_, "V", "ground speed (20); given, legs are in seconds as well")
