@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <opencv2/core.hpp>
@@ -102,6 +103,62 @@ TEST_F(Flight, TheAccelerometerIntegratesToTheRoute) {
 }
 
 // The same flight by a rolling shutter: other pictures, and what a localizer needs to undo that.
+// Gyroscopes and accelerometers lead from one frame to the next: the velocity from the first stretch predicts the
+// second.
+TEST_F(Flight, TheInertialSamplesLeadFromFrameToFrame) {
+  fly("without");
+  EXPECT_FALSE(std::filesystem::exists(path("without/imu.csv")));
+  options_.imu_hz = 100;
+  fly("real");
+  EXPECT_EQ(sha256_file(path("real/telemetry.csv")), sha256_file(path("without/telemetry.csv")));
+  options_.noise = SensorNoise::none;
+  fly("exact");
+  const CsvTable telemetry = CsvTable::read(path("exact/telemetry.csv")),
+                 truth = CsvTable::read(path("exact/truth.csv")), samples = CsvTable::read(path("exact/imu.csv"));
+  EXPECT_NE(sha256_file(path("real/imu.csv")), sha256_file(path("exact/imu.csv")));
+  const auto number = [](const CsvTable& table, std::size_t row, const char* column) {
+    return table.required_number(row, table.required_column(column));
+  };
+  const LocalFrame frame(mission_.route.points.front(), number(truth, 0, "alt_m"));
+  const auto place = [&](std::size_t row) {
+    const PlanePoint at = frame.plane_from_lonlat({number(truth, row, "lon_deg"), number(truth, row, "lat_deg")});
+    return Eigen::Vector3d(at.east_m, at.north_m, number(truth, row, "alt_m"));
+  };
+  const auto time = [&](std::size_t row) { return number(telemetry, row, "time_s"); };
+  double worst_m = 0;
+  for (std::size_t i = 1; i + 3 < telemetry.rows(); ++i) {
+    const Eigen::Matrix3d camera =
+        enu_from_camera({radians(number(telemetry, i, "heading_deg")), radians(number(telemetry, i, "pitch_deg")),
+                         radians(number(telemetry, i, "roll_deg"))});
+    Eigen::Matrix3d body;
+    body << -camera.col(1), camera.col(0), camera.col(2);
+    // Beyond the velocity at frame i, up to i + 1 and up to i + 2.
+    Eigen::Vector3d velocity = Eigen::Vector3d::Zero(), way = Eigen::Vector3d::Zero(), way_to_next = way;
+    double done_s = time(i);
+    for (std::size_t k = 0; k < samples.rows() && done_s < time(i + 2); ++k) {
+      const double until_s = std::min(number(samples, k, "time_s"), time(i + 2));
+      if (until_s <= done_s) continue;
+      const double dt = until_s - done_s;
+      const Eigen::Vector3d rate(number(samples, k, "gyro_x_rad_s"), number(samples, k, "gyro_y_rad_s"),
+                                 number(samples, k, "gyro_z_rad_s"));
+      const Eigen::Vector3d force(number(samples, k, "accel_x_mps2"), number(samples, k, "accel_y_mps2"),
+                                  number(samples, k, "accel_z_mps2"));
+      const Eigen::Matrix3d half = Eigen::AngleAxisd(rate.norm() * dt / 2, rate.normalized()).toRotationMatrix();
+      const Eigen::Vector3d gained = (body * half * force - Eigen::Vector3d(0, 0, 9.80665)) * dt;
+      way += (velocity + gained / 2) * dt;
+      velocity += gained;
+      body = body * half * half;
+      done_s = until_s;
+      if (done_s <= time(i + 1) + 1e-9) way_to_next = way;
+    }
+    const double step_s = time(i + 1) - time(i);
+    const Eigen::Vector3d start_mps = (place(i + 1) - place(i) - way_to_next) / step_s;
+    const Eigen::Vector3d off = place(i) + 2 * step_s * start_mps + way - place(i + 2);
+    worst_m = std::max(worst_m, off.head<2>().norm());
+  }
+  EXPECT_LT(worst_m, 0.5);
+}
+
 TEST_F(Flight, ARollingShutterIsUndoneByItsTelemetry) {
   options_.noise = SensorNoise::none;
   options_.interval_s = 0.5;

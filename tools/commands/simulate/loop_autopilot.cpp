@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/error.hpp"
 #include "mavlink/parameters.hpp"
 
 namespace nadir {
