@@ -10,8 +10,8 @@
 // is the same, byte for byte, for any number of shards.
 //
 // A shard that was killed continues in its hidden staging folder; nothing incomplete has the final name. Building a
-// shard that is there already checks it and does nothing else. Memory does not depend on the area: per thread some 70
-// MB of pixels, and 256 MB of GDAL's cache.
+// shard that is there already checks it and does nothing else. Memory does not depend on the area: some 80 MB, 40
+// MB for each thread, and up to 256 MB of GDAL's cache.
 #pragma once
 
 #include <filesystem>
