@@ -17,7 +17,7 @@ namespace {
 using namespace test;
 using Eigen::Vector2d;
 
-struct Flown {
+struct BlindFlights {
   std::vector<double> errors_m, sigmas_m;
   Tally nees;
   int inertial = 0;
@@ -29,8 +29,8 @@ struct Flown {
   }
 };
 
-Flown fly(int flights, const BlindOptions& options) {
-  Flown flown;
+BlindFlights fly_all(int flights, const BlindOptions& options) {
+  BlindFlights flown;
   for (int i = 0; i < flights; ++i) {
     const BlindEnd end = fly_blind(Random(77).fork("flight", static_cast<std::uint64_t>(i)), options);
     flown.errors_m.push_back(end.error_m);
@@ -45,9 +45,9 @@ Flown fly(int flights, const BlindOptions& options) {
 TEST(BlindFlight, AMinuteInTurnsIsCarried) {
   BlindOptions options;
   options.turns = 2;
-  Flown with = fly(40, options);
+  BlindFlights with = fly_all(40, options);
   options.imu = false;
-  Flown without = fly(40, options);
+  BlindFlights without = fly_all(40, options);
   EXPECT_EQ(with.inertial, 40);
   EXPECT_LT(with.median_m(), 60);
   EXPECT_LT(with.median_m(), 0.4 * without.median_m());
@@ -66,7 +66,7 @@ TEST(BlindFlight, WorseSensorsAreNoSurprise) {
   options.figures.force_bias_mps2 = 0.2;
   options.rate_hz = 40;
   options.spoil = round_as_raw_imu;
-  const Flown flown = fly(40, options);
+  const BlindFlights flown = fly_all(40, options);
   EXPECT_GT(flown.nees.share_95(), 0.88) << flown.nees.mean();
   EXPECT_LT(flown.nees.mean(), 2.9);
 }
@@ -79,11 +79,11 @@ TEST(BlindFlight, LostSamplesEndItAndItBeginsAnew) {
   options.spoil = [](int second, std::vector<InertialSample>& samples) {
     if (second == 60 || second == 115) samples.erase(samples.begin() + 20, samples.begin() + 70);
   };
-  Flown flown = fly(40, options);
+  BlindFlights flown = fly_all(40, options);
   EXPECT_EQ(flown.inertial, 40);
   EXPECT_GT(flown.nees.share_95(), 0.88) << flown.nees.mean();
   options.imu = false;
-  EXPECT_LT(flown.median_m(), 0.6 * fly(40, options).median_m());
+  EXPECT_LT(flown.median_m(), 0.6 * fly_all(40, options).median_m());
 }
 
 // The sensor fails in the middle of the blind stretch.
@@ -94,7 +94,7 @@ TEST(BlindFlight, WithoutSamplesTheOldModelGoesOn) {
   options.spoil = [&](int second, std::vector<InertialSample>& samples) {
     if (second > options.seen_s + 10) samples.clear();
   };
-  const Flown flown = fly(40, options);
+  const BlindFlights flown = fly_all(40, options);
   EXPECT_EQ(flown.inertial, 0);
   EXPECT_GT(flown.nees.share_95(), 0.93) << flown.nees.mean();
 }

@@ -54,13 +54,13 @@ double apart_rad(const Matrix3d& a, const Matrix3d& b) { return rotation_vector_
 TEST(Preintegration, IsTheIntegralOfWhatTheBodyDid) {
   Matrix3d turn = Matrix3d::Identity();
   Vector3d velocity = Vector3d::Zero(), way = Vector3d::Zero();
-  constexpr double kStep_s = 1e-5;  // by brute force
+  constexpr double kBrute_s = 1e-5;  // by brute force
   for (int i = 0; i < 200'000; ++i) {
-    const InertialSample now = felt((i + 0.5) * kStep_s);
-    const Vector3d gained = turn * rotation_of(now.rate_rad_s * kStep_s / 2) * now.force_mps2 * kStep_s;
-    way += velocity * kStep_s + gained * kStep_s / 2;
+    const InertialSample now = felt((i + 0.5) * kBrute_s);
+    const Vector3d gained = turn * rotation_of(now.rate_rad_s * kBrute_s / 2) * now.force_mps2 * kBrute_s;
+    way += velocity * kBrute_s + gained * kBrute_s / 2;
     velocity += gained;
-    turn = turn * rotation_of(now.rate_rad_s * kStep_s);
+    turn = turn * rotation_of(now.rate_rad_s * kBrute_s);
   }
   const auto motion = preintegrate(samples_of(2), 0, 2);
   ASSERT_TRUE(motion);
