@@ -141,6 +141,8 @@ void NadirdCommand::setup(Options& options) {
       .value("--second-matcher", second_matcher_, "WHEN",
              "when the matcher that the airframe file names looks as well: auto, always or never")
       .one_of({"auto", "always", "never"});
+  options.flag("--inertial", flight_.inertial,
+               "carry the position by the autopilot's raw inertial samples where the camera sees nothing");
   options.value("--memory-mb", memory_mb_, "MB", "memory to reserve at the start for the flight; 0: none")
       .between(0, 4096);
   options.flag("--switch-gps", flight_.switch_gps,

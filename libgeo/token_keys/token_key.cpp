@@ -184,6 +184,7 @@ FoundToken find_token(const std::string& text, P11KitUri& uri, const Modules& mo
     }
   }
   if (found.size() == 1) return found.front();
+  std::ranges::sort(others);  // slots come in any order
   throw UsageError({.what = found.empty() ? "there is no such token" : "several tokens fit",
                     .where = text,
                     .expected = "one token",

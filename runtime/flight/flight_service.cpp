@@ -124,6 +124,7 @@ LocalizationSetup FlightService::localization_setup() {
   LocalizationSetup setup{airframe_.camera, airframe_.mount, map_->frame(),      &map_->package().imagery(),
                           options_.start,   map_->config(),  map_->plane_msl_m()};
   setup.config.anchor_every_m = options_.anchor_every_m;
+  setup.inertial = options_.inertial;
   if (options_.second_matcher) {
     setup.config.matcher =
         make_second_opinion({.second = [network = options_.second_matcher](

@@ -71,6 +71,7 @@ struct FlightOptions {
   double anchor_every_m = 0;
   std::shared_ptr<DenseDescriptorNetwork> second_matcher;  // null: none
   SecondMatcherUse second_matcher_use = SecondMatcherUse::automatic;
+  bool inertial = false;                // the autopilot's raw inertial samples are used
   bool switch_gps = false;              // PX4: GPS leaves its filter while it is denied or spoofed
   bool send_external_position = false;  // MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor, besides GPS_INPUT
 };

@@ -44,6 +44,7 @@ struct LocalizationSetup {
   LocalizerConfig config;
   double plane_msl_m = 0;                                       // of the reference plane of the surface's heights
   std::vector<std::pair<std::string, std::string>> settings{};  // other than the defaults, for the recorder
+  bool inertial = false;                                        // the autopilot's raw inertial samples are used
 };
 
 class LocalizationThread {

@@ -245,7 +245,7 @@ Telemetry TelemetryBuffer::at(double time_s) {
     for (const TelemetryInterval& interval : telemetry.intervals) from_s += interval.seconds;
     telemetry.imu_dv_mps = velocity_change(from_s, time_s);
     if (needs_.gimbal && !telemetry.imu_dv_mps) telemetry.heading_rad.reset();
-    telemetry.inertial = inertial_between(*last_time_s_, time_s);
+    if (needs_.inertial) telemetry.inertial = inertial_between(*last_time_s_, time_s);
   }
   if (needs_.turn_rate) telemetry.rate_rad_s = camera_rate_at(time_s);
   last_time_s_ = time_s;

@@ -34,6 +34,7 @@ inline constexpr double kRateStep_s = 0.02;   // half of the time over which a g
 struct TelemetryNeeds {
   bool gimbal = false;     // the camera's attitude is that of a gimbal
   bool turn_rate = false;  // of the camera
+  bool inertial = true;    // the samples of RAW_IMU and HIGHRES_IMU between frames
 };
 
 class TelemetryBuffer {

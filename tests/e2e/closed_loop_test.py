@@ -40,7 +40,7 @@ class Flight(support.EndToEnd):
         result = subprocess.run(
             [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--nadird", support.NADIRD, "--minutes", "0.75",
              "--event", "20:gps-denied", "--fps", "2", "--width", "640", "--signed", "--json", "--nadird-option=--keep-frames",
-             "--out", out, "--report", out / "live.html"],
+             "--nadird-option=--inertial", "--out", out, "--report", out / "live.html"],
             stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=500, check=False)
         self.assertEqual(0, result.returncode, result.stderr)
         summary = json.loads(result.stdout)["summary"]
