@@ -303,9 +303,25 @@ class MissionsPage(support.EndToEnd):
             now = self.desk.json("GET", path, expect=200)
             self.desk.json("PUT", path, {"revision": now["revision"], "mission": now["mission"] | more}, 200)
 
-        by_another(budget_mb=111)
-        self.fill(browser, "min_resolution_m", "0.7")
-        browser.wait_for("!document.getElementById('conflict').hidden")
+        def both_change(resolution_m, **others):
+            """The page's change is on its way when another's arrives: one that it hears of before, it would show."""
+            browser.evaluate("""(() => {
+              const send = window.fetch;
+              let release;
+              const released = new Promise((done) => { release = done; });
+              window.releaseChanges = () => { window.fetch = send; release(); };
+              window.fetch = async (address, options) => {
+                if (options?.method === "PUT") await released;
+                return send(address, options);
+              };
+            })()""")
+            self.fill(browser, "min_resolution_m", resolution_m)
+            browser.wait_for(TEXT.format("saved") + ".startsWith('saving')")
+            by_another(**others)
+            browser.evaluate("window.releaseChanges()")
+            browser.wait_for("!document.getElementById('conflict').hidden")
+
+        both_change("0.7", budget_mb=111)
         self.keep(browser, "conflict")
         self.assertEqual(111, self.desk.json("GET", path, expect=200)["mission"]["budget_mb"], "nothing of the other is overwritten unasked")
         self.click(browser, "#conflict-theirs")
@@ -315,9 +331,7 @@ class MissionsPage(support.EndToEnd):
         browser.wait_for("document.querySelector('[data-path=min_resolution_m]').value === '0.7'")
         browser.wait_for(SAVED)
 
-        by_another(budget_mb=222)
-        self.fill(browser, "min_resolution_m", "0.8")
-        browser.wait_for("!document.getElementById('conflict').hidden")
+        both_change("0.8", budget_mb=222)
         self.click(browser, "#conflict-mine")
         browser.wait_for(SAVED)
         now = self.desk.json("GET", path, expect=200)["mission"]
