@@ -79,7 +79,7 @@
 // where [ ] takes the horizontal part, so that gravity's own value does not matter: what leaks into the horizontal
 // through φ is all in R Δv. A wind needs no state, and the velocity no airspeed. Level, heading and biases are learned
 // from what odometry and anchors say of position and velocity, all of which are correlated with e; a bias and a tilt
-// cannot be told apart in straight flight, and need not be. w_scale is what the sensor's scale and misalignment make of
+// cannot be distinguished in straight flight, and need not be. w_scale is what the sensor's scale and misalignment make of
 // a turn or of a change of velocity. The sensor's axes are the camera's: where it is mounted askew by a degree or two,
 // that is in M and b_a, which are learned. With the last equation the tilt no longer changes from frame to frame as it
 // pleases, and odometry measures velocity far better. The filter begins so at the first frame that has samples, heading

@@ -510,7 +510,7 @@ std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
   apply_hint();
   LookContext context;
   context.prior = anchor_prior();
-  context.prior.doubted = belief.track_probability() < 1 - kDoubted;
+  context.prior.ambiguous = belief.track_probability() < 1 - kAmbiguousShare;
   context.lost = lost();
   context.anchored = last_anchor && tracking.unbroken();
   context.track = {.position = filter->position(),

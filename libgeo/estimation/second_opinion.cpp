@@ -51,7 +51,7 @@ class SecondOpinionMatcher final : public MapMatcher {
     const bool candidate = has_candidate(found);
     if (second_ == nullptr || !found.on_map || (lost && !candidate)) return found;
     const double log_first = candidate ? log_likelihood_ratio(found, prior, area_m2) : 0;
-    const bool doubtful = prior.doubted || !candidate || log_first < opinion::kAskedBelow;
+    const bool doubtful = prior.ambiguous || !candidate || log_first < opinion::kAskedBelow;
     if (how_.use == SecondMatcherUse::automatic && !doubtful) return found;
     AnchorPrior where = prior;
     if (lost) {

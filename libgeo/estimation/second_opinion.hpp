@@ -90,7 +90,7 @@ JointEvidence joint_evidence(const AnchorMatch& first, double log_first, const A
 const SecondLikelihoodTable& second_likelihood_table();
 
 // The first matcher with the second as its witness: matches are judged where the second was asked, and as before where
-// it was not. After an error of the second it is not asked again; on_failure is told once, on the thread that matches.
+// it was not. After an error of the second it is not asked again; on_failure is called once, on the thread that matches.
 struct SecondOpinion {
   MapMatcherFactory first = make_channel_matcher, second;
   SecondMatcherUse use = SecondMatcherUse::automatic;

@@ -1,5 +1,5 @@
-// Private keys that never leave a token (smart card, USB token, HSM), through PKCS#11. Where a command takes the file
-// of a private key, it takes the key's URI (RFC 7512) as well:
+// Private keys that never leave a token (smart card, USB token, HSM), through PKCS#11. Commands that sign
+// take, instead of the file of a private key, its URI (RFC 7512); services (desk, sync, nadird) take files alone:
 //
 //   pkcs11:token=nadir;object=planner                          the one key of this label on the token
 //   pkcs11:token=nadir;id=%01?pin-source=/run/secrets/pin      by its id; the PIN from a file

@@ -22,13 +22,6 @@ struct CellTrial {
   double scale = 1;
 };
 
-std::vector<double> steps_within(double range, double step) {
-  const int n = std::max(0, static_cast<int>(std::ceil(range / step - 0.5)));
-  std::vector<double> values;
-  for (int i = -n; i <= n; ++i) values.push_back(i * step);
-  return values;
-}
-
 CameraPose posed(const CameraPose& pose, const CellTrial& trial, PlanePoint position) {
   CameraPose result = pose;
   result.attitude.heading_rad += trial.turn_rad;
@@ -263,11 +256,11 @@ class DescriptorMatcher final : public MapMatcher {
   std::vector<MatchHypothesis> sweep(const ReducedFrame& frame, const SearchPrior& prior, const MapCells& map,
                                      const MatchingPlan& plan) const {
     const SearchOptions& options = plan.options;
-    const std::vector<double> turns = steps_within(prior.heading_range_rad, options.heading_step_rad);
+    const std::vector<double> turns = offsets_within(prior.heading_range_rad, options.heading_step_rad);
     std::vector<CellTrial> trials;
     std::vector<CameraPose> poses;
     for (const double turn : turns) {
-      for (const double scale : steps_within(prior.scale_range, options.scale_step)) {
+      for (const double scale : offsets_within(prior.scale_range, options.scale_step)) {
         trials.push_back({turn, 1 + scale});
         poses.push_back(posed(prior.pose, trials.back(), {}));
       }

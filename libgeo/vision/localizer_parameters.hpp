@@ -539,8 +539,8 @@ inline constexpr double kLeastWeight = 1e-9;   // of a place that is kept; numer
 inline constexpr std::size_t kMaxPlaces = 15;  // beside the track; bounds the time
 inline constexpr int kProtectionLevelBisections = 40;  // to 1e-12 of the radius; numerical
 inline constexpr double kWorthKeeping = 2.303;         // ln 10: a lost look goes on elsewhere below; chosen
-inline constexpr double kDoubted = 0.05;       // weight beside the track: a second matcher looks as well; chosen
-inline constexpr double kUnambiguous = 6.908;  // ln 1000: needs no other look, for products of the frame; [looks]
+inline constexpr double kAmbiguousShare = 0.05;  // weight beside the track: a second matcher looks as well; chosen
+inline constexpr double kUnambiguous = 6.908;    // ln 1000: needs no other look, for products of the frame; [looks]
 
 }  // namespace belief
 

@@ -26,8 +26,8 @@ struct AnchorPrior {
   double heading_sigma_rad = kAnchorHeadingSigma_rad;
   double log_agl_sigma = kAnchorLogAglSigma;
   Eigen::Matrix2d tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * kAnchorTiltVariance_rad2;  // pitch, roll
-  bool doubted = false;  // more than one place is possible by now: worth a second matcher's look (second_opinion.hpp)
-  Cancel cancel;         // not a prior: ends the attempt by Interrupted, because a search may last half a minute
+  bool ambiguous = false;  // more than one place is possible by now: worth a second matcher's look (second_opinion.hpp)
+  Cancel cancel;           // not a prior: ends the attempt by Interrupted, because a search may last half a minute
 };
 
 struct AnchorMatch {

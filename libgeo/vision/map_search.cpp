@@ -21,14 +21,6 @@ struct HeadingAndHeight {
   double agl_m = 0;
 };
 
-// Offsets that cover ±range, each standing for half a step to both sides.
-std::vector<double> steps(double range, double step) {
-  const int n = std::max(0, static_cast<int>(std::ceil(range / step - 0.5)));
-  std::vector<double> values;
-  for (int i = -n; i <= n; ++i) values.push_back(i * step);
-  return values;
-}
-
 CameraPose with(const CameraPose& pose, const HeadingAndHeight& trial, PlanePoint position) {
   CameraPose result = pose;
   result.attitude.heading_rad = trial.heading_rad;
@@ -115,8 +107,8 @@ std::vector<MatchHypothesis> distinct(std::vector<MatchHypothesis> hypotheses, d
 std::vector<HeadingAndHeight> around(const HeadingAndHeight& middle, double heading_range, double heading_step,
                                      double scale_range, double scale_step) {
   std::vector<HeadingAndHeight> trials;
-  for (const double scale : steps(scale_range, scale_step)) {
-    for (const double turn : steps(heading_range, heading_step)) {
+  for (const double scale : offsets_within(scale_range, scale_step)) {
+    for (const double turn : offsets_within(heading_range, heading_step)) {
       trials.push_back({middle.heading_rad + turn, middle.agl_m * (1 + scale)});
     }
   }
@@ -344,6 +336,13 @@ std::vector<SearchPrior> retrieved_windows(const AreaQuery& query, const PlaceRe
 }
 
 }  // namespace
+
+std::vector<double> offsets_within(double range, double step) {
+  const int n = std::max(0, static_cast<int>(std::ceil(range / step - 0.5)));
+  std::vector<double> values;
+  for (int i = -n; i <= n; ++i) values.push_back(i * step);
+  return values;
+}
 
 SearchResult search_window(const cv::Mat& grey, const CameraModel& camera, const MapWindow& map,
                            const SearchPrior& prior, const SearchOptions& options) {

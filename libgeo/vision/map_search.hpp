@@ -39,6 +39,9 @@ struct SearchOptions {
   Cancel cancel;  // checked before each heading and scale
 };
 
+// Offsets that cover ±range, each standing for half a step to both sides.
+std::vector<double> offsets_within(double range, double step);
+
 struct MatchHypothesis {
   CameraPose pose;
   double score = -1;         // of six channels

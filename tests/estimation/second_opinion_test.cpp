@@ -39,11 +39,12 @@ SecondLikelihoodTable table() {
 
 TEST(OutcomeEvidence, AnAgreementSaysWhatItsBoundAllows) {
   const OutcomeCounts counts = counted();
-  // Of those as sure or surer: 140 of 200 places, and 2 of 1100 chance peaks, of which at most 7.3 are believed.
+  // Of those as sure or surer: 140 of 200 places, and 2 of 1100 chance peaks, of which 7.3 are assumed as the upper
+  // bound.
   EXPECT_NEAR(outcome_evidence(counts, 1, SecondOutcome::agrees_strongly), std::log(0.7 / (7.326 / 1100)), 1e-3);
   EXPECT_NEAR(outcome_evidence(counts, -1, SecondOutcome::agrees_strongly), std::log(170.0 / 300 / (7.326 / 2100)),
               1e-3);
-  // Never seen by chance: three are believed.
+  // Never seen by chance: three are assumed.
   OutcomeCounts never = counts;
   never.chance[2][0] = 0;
   EXPECT_NEAR(outcome_evidence(never, 5, SecondOutcome::agrees_strongly), std::log(0.8 / (3.0 / 99)), 1e-3);
@@ -76,7 +77,7 @@ TEST(OutcomeEvidence, WhatWasNeverCountedSaysNothing) {
   }
 }
 
-// A matcher that gives what it is told to.
+// A matcher that gives the match that it is set to.
 struct Script {
   std::optional<PlanePoint> place;  // nothing: no candidate
   bool on_map = true, throws = false;
@@ -184,9 +185,9 @@ TEST_F(Opinion, IsAskedWhereTheFirstIsInDoubt) {
   ASSERT_GE(by_itself(), parameters::second_opinion::kAskedBelow) << "a clear match";
   EXPECT_FALSE(look(SecondMatcherUse::automatic).judged_log_likelihood_ratio);
   EXPECT_EQ(second_.asked, 0);
-  prior_.doubted = true;  // the belief is split
+  prior_.ambiguous = true;  // the belief is split
   EXPECT_TRUE(look().judged_log_likelihood_ratio);
-  prior_.doubted = false;
+  prior_.ambiguous = false;
   first_.ratio = 0.97;
   EXPECT_TRUE(look().judged_log_likelihood_ratio);
   EXPECT_EQ(second_.asked, 2);
@@ -198,7 +199,7 @@ TEST_F(Opinion, OffTheMapItIsNotAsked) {
   EXPECT_EQ(second_.asked, 0);
 }
 
-// The flight goes on with what the first one sees, and is told once.
+// The flight goes on with what the first one sees, and is notified once.
 TEST_F(Opinion, AnErrorOfTheSecondCostsTheFirstNothing) {
   second_.throws = true;
   for (int i = 0; i < 3; ++i) {

@@ -104,9 +104,9 @@ TEST_F(TokenKeyTest, ThePinComesFromAPrivateFileOrTheEnvironment) {
   std::filesystem::permissions(folder_ / "pin", std::filesystem::perms::others_read,
                                std::filesystem::perm_options::add);
   EXPECT_THAT(refusal(uri("token=nadir;object=planner", source), std::nullopt), HasSubstr("0600"));
-  const std::string told = refusal(uri("token=nadir;object=planner", "&pin-value=1234"));
-  EXPECT_THAT(told, HasSubstr("PIN on the command line"));
-  EXPECT_THAT(told, Not(HasSubstr("1234")));
+  const std::string message = refusal(uri("token=nadir;object=planner", "&pin-value=1234"));
+  EXPECT_THAT(message, HasSubstr("PIN on the command line"));
+  EXPECT_THAT(message, Not(HasSubstr("1234")));
   ::setenv(kTokenPinVariable, "1234", 1);
   EXPECT_EQ(read_signing_key(uri("token=nadir;object=imported")).public_key().id(), file_key_.public_key().id());
   ::unsetenv(kTokenPinVariable);
@@ -114,9 +114,9 @@ TEST_F(TokenKeyTest, ThePinComesFromAPrivateFileOrTheEnvironment) {
 }
 
 TEST_F(TokenKeyTest, AWrongPinIsAnErrorThatDoesNotRepeatIt) {
-  const std::string told = refusal(uri("token=nadir;object=planner"), "9876");
-  EXPECT_THAT(told, HasSubstr("does not accept the PIN"));
-  EXPECT_THAT(told, Not(HasSubstr("9876")));
+  const std::string message = refusal(uri("token=nadir;object=planner"), "9876");
+  EXPECT_THAT(message, HasSubstr("does not accept the PIN"));
+  EXPECT_THAT(message, Not(HasSubstr("9876")));
   EXPECT_EQ(refusal(uri("token=nadir;object=planner")), "");
 }
 

@@ -18,7 +18,6 @@
 #include "commands/cache/package_signer.hpp"
 #include "commands/commands.hpp"
 #include "package_build/build_shards.hpp"
-#include "token_keys/token_key.hpp"
 
 namespace nadir {
 namespace {
@@ -39,9 +38,7 @@ class CacheBuildCommand final : public Command {
   int run_shard(Context& context);
 
   BuildOptions build_options_;
-  std::optional<std::filesystem::path> key_;
-  std::vector<std::filesystem::path> roots_;
-  std::optional<std::filesystem::path> trust_;
+  SigningOptions signing_;
   std::filesystem::path out_;
   bool resume_ = false;
   std::optional<std::filesystem::path> plan_;
@@ -92,11 +89,7 @@ nadir cache build --plan plan --shard auto --threads 4)";
 
 void CacheBuildCommand::setup(Options& options) {
   build_options_.setup(options);
-  options.value("--key", key_, "KEY.pem", "private key that signs the package; without it the package is unsigned");
-  options.values("--carry-root", roots_, "N.root.json", "newer root of trust to add to the package");
-  options.value(
-      "--trust", trust_, "ROOT.json",
-      "root that the aircraft hold: the key must be one of its package signers, and added roots follow from it");
+  signing_.setup(options);
   options.value("--out", out_, "PACKAGE", "package folder to create; must not exist").required();
   options.flag("--resume", resume_, "resume a build that was killed, with the same inputs and options");
   options.value("--plan", plan_, "PLAN", "instead of all the above: build one shard of this plan (cache plan-shards)")
@@ -150,15 +143,10 @@ int CacheBuildCommand::run_shard(Context& context) {
 
 int CacheBuildCommand::run(Context& context) {
   if (plan_) return run_shard(context);
-  std::optional<PrivateKey> key;
-  if (key_) key = read_signing_key(*key_);
   PackageRequest request = build_options_.request();
-  request.key = key ? &*key : nullptr;
-  std::optional<TrustRoot> installed;
-  if (trust_) installed = read_trusted_root(*trust_);
-  if (key) require_package_signer(*key, installed, roots_, context);
-  request.roots =
-      read_root_chain(roots_, evaluation_time(request.at, context.clock), {}, installed ? &*installed : nullptr);
+  const SigningOptions::Signing signing = signing_.read(evaluation_time(request.at, context.clock), context);
+  request.key = signing.key ? &*signing.key : nullptr;
+  request.roots = signing.roots;
   if (!request.at) request.now = context.clock.now();
   request.out = out_;
   request.resume = resume_;
@@ -170,7 +158,7 @@ int CacheBuildCommand::run(Context& context) {
     if (!context.quiet) context.err << "rejected: nothing was written\n";
     return report_findings(context.out, context.json, report.findings);
   }
-  print_package(context, out_, report, key ? &*key : nullptr);
+  print_package(context, out_, report, request.key);
   return kAccepted;
 }
 

@@ -187,7 +187,9 @@ void CacheDiffCommand::setup(Options& options) {
   options.value("--geojson", geojson_, "FILE.geojson", "write the tiles that differ as polygons, for a map");
   options.value("--patch", patch_, "FILE", "write a signed patch that makes B of A; an existing file is replaced")
       .needs("--key");
-  options.values("--key", keys_, "KEY.pem", "with --patch: private key of a package signer; may be repeated")
+  options
+      .values("--key", keys_, "KEY.pem",
+              "with --patch: private key (file or pkcs11: URI) of a package signer; may be repeated")
       .needs("--patch");
   options
       .value("--trust", trust_, "ROOT.json",

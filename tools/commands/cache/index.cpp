@@ -223,7 +223,8 @@ nadir cache index package --evaluate flight --json)";
 
 void CacheIndexCommand::setup(Options& options) {
   options.positional("PACKAGE", package_, "package folder").required();
-  options.value("--key", key_, "KEY.pem", "private key of a package signer; required if the package is signed");
+  options.value("--key", key_, "KEY.pem",
+                "private key (file or pkcs11: URI) of a package signer; required if the package is signed");
   options.value("--camera", camera_, "FILE.yaml", "camera whose images will be looked up");
   options.values("--agl-m", agl_m_, "METRES", "height above ground; default: the mission's").between(1, 20000);
   options

@@ -72,8 +72,9 @@ void CacheMatchabilityCommand::setup(Options& options) {
   options.value("--mission", mission_, "MISSION.yaml", "mission whose area is surveyed; a package contains its own");
   options.value("--out", out_, "FILE.tif", "write the map as a GeoTIFF");
   options.flag("--into-package", into_package_, "add the map to the package");
-  options.value("--key", key_, "KEY.pem",
-                "with --into-package: private key of a package signer; required if the package is signed");
+  options.value(
+      "--key", key_, "KEY.pem",
+      "with --into-package: private key (file or pkcs11: URI) of a package signer; required if the package is signed");
   request_.declare(options);
 }
 

@@ -14,7 +14,6 @@
 #include "commands/cache/package_signer.hpp"
 #include "commands/commands.hpp"
 #include "package_build/build_shards.hpp"
-#include "token_keys/token_key.hpp"
 
 namespace nadir {
 namespace {
@@ -34,9 +33,7 @@ class CacheMergeCommand final : public Command {
  private:
   std::filesystem::path plan_;
   std::vector<std::filesystem::path> folders_;
-  std::optional<std::filesystem::path> key_;
-  std::vector<std::filesystem::path> roots_;
-  std::optional<std::filesystem::path> trust_;
+  SigningOptions signing_;
   std::filesystem::path out_;
 };
 
@@ -59,27 +56,19 @@ nadir cache merge --plan plan --shards /data/node1 --shards /data/node2 --key pl
 void CacheMergeCommand::setup(Options& options) {
   options.value("--plan", plan_, "PLAN", "folder of the plan").required();
   options.values("--shards", folders_, "FOLDER", "folders that the shards' folders lie in; default: the plan's");
-  options.value("--key", key_, "KEY.pem", "private key that signs the package; without it the package is unsigned");
-  options.values("--carry-root", roots_, "N.root.json", "newer root of trust to add to the package");
-  options.value(
-      "--trust", trust_, "ROOT.json",
-      "root that the aircraft hold: the key must be one of its package signers, and added roots follow from it");
+  signing_.setup(options);
   options.value("--out", out_, "PACKAGE", "package folder to create; must not exist").required();
 }
 
 int CacheMergeCommand::run(Context& context) {
-  std::optional<PrivateKey> key;
-  if (key_) key = read_signing_key(*key_);
+  const std::optional<UtcTime> at = read_shard_plan(plan_, kVersion).at;
+  const SigningOptions::Signing signing = signing_.read(evaluation_time(at, context.clock), context);
   MergeRequest request;
   request.plan = plan_;
   request.folders = folders_;
-  request.key = key ? &*key : nullptr;
+  request.key = signing.key ? &*signing.key : nullptr;
+  request.roots = signing.roots;
   request.program = kVersion;
-  std::optional<TrustRoot> installed;
-  if (trust_) installed = read_trusted_root(*trust_);
-  if (key) require_package_signer(*key, installed, roots_, context);
-  const std::optional<UtcTime> at = read_shard_plan(plan_, kVersion).at;
-  request.roots = read_root_chain(roots_, evaluation_time(at, context.clock), {}, installed ? &*installed : nullptr);
   if (!at) request.now = context.clock.now();
   request.out = out_;
   const PackageReport report = merge_shards(request, context.progress);

@@ -5,6 +5,8 @@
 #include <ostream>
 
 #include "base/error.hpp"
+#include "cli/options.hpp"
+#include "token_keys/token_key.hpp"
 
 namespace nadir {
 
@@ -37,6 +39,25 @@ void require_package_signer(const PrivateKey& key, const std::optional<TrustRoot
                     .expected = "a package signer of the root of trust",
                     .found = found,
                     .fix = "sign with another key, or appoint this one with `nadir keys root --previous`"});
+}
+
+void SigningOptions::setup(Options& options) {
+  options.value("--key", key_, "KEY.pem",
+                "private key (file or pkcs11: URI) that signs the package; without it the package is unsigned");
+  options.values("--carry-root", roots_, "N.root.json", "newer root of trust to add to the package");
+  options.value(
+      "--trust", trust_, "ROOT.json",
+      "root that the aircraft hold: the key must be one of its package signers, and added roots follow from it");
+}
+
+SigningOptions::Signing SigningOptions::read(UtcTime at, Context& context) const {
+  Signing signing;
+  if (key_) signing.key = read_signing_key(*key_);
+  std::optional<TrustRoot> installed;
+  if (trust_) installed = read_trusted_root(*trust_);
+  if (signing.key) require_package_signer(*signing.key, installed, roots_, context);
+  signing.roots = read_root_chain(roots_, at, {}, installed ? &*installed : nullptr);
+  return signing;
 }
 
 }  // namespace nadir

@@ -56,7 +56,8 @@ nadir cache sign package --key planner2.key.pem --carry-root 2.root.json)";
 
 void CacheSignCommand::setup(Options& options) {
   options.positional("PACKAGE", package_, "package folder").required();
-  options.values("--key", keys_, "KEY.pem", "private key of a package signer; may be repeated").required();
+  options.values("--key", keys_, "KEY.pem", "private key (file or pkcs11: URI) of a package signer; may be repeated")
+      .required();
   options.values("--carry-root", roots_, "N.root.json", "newer root of trust to add to the package");
   options.flag("--only", only_, "drop existing signatures");
   options.value("--trust", trust_, "ROOT.json", "root that the aircraft hold: the keys must be package signers of it");

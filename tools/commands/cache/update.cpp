@@ -87,7 +87,8 @@ void CacheUpdateCommand::setup(Options& options) {
       .one_of({"mbtiles", "cog"});
   options.flag("--index", index_, "rebuild the old package's place index for the new tiles");
   options_.setup(options);
-  options.value("--key", key_, "KEY.pem", "private key that signs the package; without it the package is unsigned");
+  options.value("--key", key_, "KEY.pem",
+                "private key (file or pkcs11: URI) that signs the package; without it the package is unsigned");
   options.values("--carry-root", roots_, "N.root.json", "newer root of trust to add to the package");
   options.value("--at", at_, "TIME", "evaluate ages as of this time instead of the mission's `created`");
   options.value("--out", out_, "NEW", "package folder to create; must not exist").required();

@@ -10,7 +10,8 @@
 namespace nadir {
 
 void PermitCommand::setup(Options& options) {
-  options.values("--key", keys_, "KEY.pem", "private key of a package signer; may be repeated").required();
+  options.values("--key", keys_, "KEY.pem", "private key (file or pkcs11: URI) of a package signer; may be repeated")
+      .required();
   setup_step(options);
   options.value("--airframe", airframe_, "ID", "for this airframe only");
   options.value("--expires", expires_, "DATE", "end of validity").required();

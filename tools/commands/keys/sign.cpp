@@ -69,7 +69,7 @@ nadir keys sign permit.json --key ben.key.pem --trust root.json)";
 
 void KeysSignCommand::setup(Options& options) {
   options.positional("FILE.json", file_, "root of trust or permit").required();
-  options.values("--key", keys_, "KEY.pem", "private key that signs; may be repeated").required();
+  options.values("--key", keys_, "KEY.pem", "private key (file or pkcs11: URI) that signs; may be repeated").required();
   options.value("--previous", previous_, "ROOT.json", "for a root: its predecessor");
   options.value("--trust", trust_, "ROOT.json", "for a permit: root that names the package signers");
 }

@@ -270,7 +270,7 @@ nadir ortho --recorder recording --package package --trust root.json --key tile.
 
 void OrthoCommand::setup(Options& options) {
   request_.declare(options, FlightRequest::Map::required);
-  options.value("--key", key_, "KEY.pem", "private tile key of the airframe").required();
+  options.value("--key", key_, "KEY.pem", "private tile key of the airframe (file or pkcs11: URI)").required();
   options.value("--out", out_, "OUT", "folder to create").required();
   options.value("--estimates", estimates_, "FILE.json",
                 "poses.json of a nadir replay of this flight, instead of replaying it");

@@ -79,7 +79,8 @@ void ProvisionAutopilotCommand::setup(Options& options) {
   options.value("--signing-key", signing_key_, "FILE", "signing key of the link; created with --apply if missing");
   options.value("--airframe", id_, "ID", "write an airframe file with this id").needs("--camera");
   options.value("--camera", camera_, "FILE.yaml", "camera of the airframe").needs("--key");
-  options.value("--key", key_, "KEY.pem", "private key that signs the airframe file").needs("--out");
+  options.value("--key", key_, "KEY.pem", "private key (file or pkcs11: URI) that signs the airframe file")
+      .needs("--out");
   options.value("--out", out_, "DIR", "folder to create for it").needs("--airframe");
   options
       .value("--sequence", sequence_, "N",

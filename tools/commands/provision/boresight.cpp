@@ -98,7 +98,8 @@ void ProvisionBoresightCommand::setup(Options& options) {
   options.value("--min-frames", limits_.min_frames, "N", "minimum number of frames matched to the map")
       .between(3, 100'000);
   options.value("--gps-sigma-m", gps_sigma_m_, "M", "1-σ error of GPS per axis").between(0.01, 50);
-  options.value("--key", key_, "KEY.pem", "private key that signs the airframe file").needs("--out");
+  options.value("--key", key_, "KEY.pem", "private key (file or pkcs11: URI) that signs the airframe file")
+      .needs("--out");
   options.value("--out", out_, "DIR", "folder to create for the airframe file and its signature").needs("--key");
   options
       .value("--sequence", sequence_, "N", "number of the new airframe file; default: one more than that of --airframe")
