@@ -24,6 +24,12 @@ def find_axe():
     return (pathlib.Path(package.origin).parent / "axe.min.js").read_text() if package else None
 
 
+class Navigated(RuntimeError):
+    """The page that was asked has gone: another is loading in its place."""
+
+    words = ("navigated or closed", "context was destroyed", "Cannot find context")
+
+
 class Chromium:
     """One process for all pages of a test program: most of a short test would be its start."""
 
@@ -69,7 +75,8 @@ class Chromium:
                     self.heard[answer["sessionId"]].append(answer)
             if found:
                 if "error" in found:
-                    raise RuntimeError(f"{method}: {found['error']}")
+                    kind = Navigated if any(words in found["error"]["message"] for words in Navigated.words) else RuntimeError
+                    raise kind(f"{method}: {found['error']}")
                 return found["result"]
         raise TimeoutError(method)
 
@@ -121,7 +128,10 @@ class Browser:
         """Until the expression is true; its value."""
         deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline:
-            value = self.evaluate(f"(() => {{ try {{ return {expression}; }} catch {{ return null; }} }})()")
+            try:
+                value = self.evaluate(f"(() => {{ try {{ return {expression}; }} catch {{ return null; }} }})()")
+            except Navigated:  # asked of a page that has just made way for the next
+                value = None
             if value:
                 return value
             time.sleep(0.1)
