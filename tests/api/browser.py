@@ -111,6 +111,7 @@ class Browser:
         self._ask("Emulation.setFocusEmulationEnabled", {"enabled": True})  # whatever other pages are open
         self._ask("Emulation.setDeviceMetricsOverride",
                   {"width": width, "height": height, "deviceScaleFactor": 2 if mobile else 1, "mobile": mobile})
+        self._ask("Emulation.setTouchEmulationEnabled", {"enabled": mobile})
 
     def _ask(self, method, params):
         return self._chromium.ask(method, params, self._session)
@@ -146,6 +147,11 @@ class Browser:
                 held = {"down": 1, "up": 0}.get(step, held)
                 self._ask("Input.dispatchMouseEvent", {"type": {"down": "mousePressed", "up": "mouseReleased", "move": "mouseMoved"}[step], "x": x, "y": y,
                                                        "button": "none" if step == "move" and not held else "left", "buttons": held, "clickCount": 0 if step == "move" else 1})
+
+    def drag_by_finger(self, *places):
+        """From the first place over the others to the last, each (x, y) in pixels of the window."""
+        for kind, point in [("touchStart", places[0]), *(("touchMove", place) for place in places[1:]), ("touchEnd", None)]:
+            self._ask("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": point[0], "y": point[1]}] if point else []})
 
     def press(self, *keys):
         """Each key goes to what has the focus: a character, or a name such as "Enter", "Shift+Tab" or "Control+Shift+ArrowUp"."""

@@ -398,6 +398,49 @@ class MissionsPage(support.EndToEnd):
 
     # ---- What is shown
 
+    LONGITUDE = "Number(document.querySelector('[data-points=route] li:nth-child(1) [data-axis=lon]').value)"
+
+    def handles(self, browser):
+        """Where the first two points of the selected part are, in pixels of the window."""
+        browser.wait_for("document.querySelectorAll('.leaflet-vertex-icon').length > 1")
+        return browser.evaluate("""(() => {
+          document.getElementById('map').scrollIntoView({ block: 'nearest' });
+          return [...document.querySelectorAll('.leaflet-vertex-icon')].filter((icon) => !icon.classList.contains('leaflet-middle-icon')).slice(0, 2)
+            .map((icon) => icon.getBoundingClientRect()).map((box) => [box.left + box.width / 2, box.top + box.height / 2]);
+        })()""")
+
+    def test_a_finger_drags_a_point_a_part_and_the_map(self):
+        browser = self.browse("#" + self.imported()["id"], size="phone")
+        points = lambda: self.mission_of(browser)["mission"]["route"]["points"]
+        before = points()
+        self.click(browser, "[data-points=route] li:nth-child(1) .number")
+
+        (x, y), _ = self.handles(browser)
+        browser.drag_by_finger((x, y), (x + 10, y), (x + 25, y))
+        browser.wait_for(f"{self.LONGITUDE} > {before[0][0]} + 1e-6")
+        browser.wait_for(SAVED)
+        self.assertEqual(before[1:], points()[1:], "the first point alone")
+        self.click(browser, "#undo")
+        browser.wait_for(f"{self.LONGITUDE} === {before[0][0]}")
+        browser.wait_for(SAVED)
+
+        a, b = self.handles(browser)
+        x, y = (a[i] + .3 * (b[i] - a[i]) for i in (0, 1))
+        browser.drag_by_finger((x, y), (x + 15, y), (x + 30, y))
+        browser.wait_for(f"{self.LONGITUDE} > {before[0][0]} + 1e-6")
+        browser.wait_for(SAVED)
+        moved = points()
+        for old, new in zip(before, moved, strict=True):
+            self.assertAlmostEqual(old[0] + moved[0][0] - before[0][0], new[0], delta=2e-7)
+        (shown, _), _ = self.handles(browser)
+
+        # Beside all parts it is the map that moves.
+        x, y = self.spot(browser, -.45, .45)
+        browser.drag_by_finger((x, y), (x + 10, y), (x + 40, y))
+        browser.wait_for(f"Math.abs(document.querySelector('.leaflet-vertex-icon').getBoundingClientRect().left - {shown}) > 15")
+        self.assertEqual(moved, points())
+        self.check_quiet(browser)
+
     def test_coverage_before_a_build_and_whole_parts_that_move(self):
         browser = self.browse("#" + self.imported()["id"])
         covered = TEXT.format("coverage-answer")
@@ -407,14 +450,10 @@ class MissionsPage(support.EndToEnd):
         before = points()
 
         # The route as a whole, dragged by its line, a third of the way from its first handle to its second one.
-        longitude = "Number(document.querySelector('[data-points=route] li:nth-child(1) [data-axis=lon]').value)"
+        longitude = self.LONGITUDE
         self.click(browser, "[data-points=route] li:nth-child(1) .number")
-        browser.wait_for("document.querySelectorAll('.leaflet-vertex-icon').length > 1")
-        x, y = browser.evaluate("""(() => {
-          const [a, b] = [...document.querySelectorAll('.leaflet-vertex-icon')].filter((icon) => !icon.classList.contains('leaflet-middle-icon')).slice(0, 2)
-            .map((icon) => icon.getBoundingClientRect()).map((box) => [box.left + box.width / 2, box.top + box.height / 2]);
-          return [0, 1].map((i) => a[i] + .3 * (b[i] - a[i]));
-        })()""")
+        a, b = self.handles(browser)
+        x, y = (a[i] + .3 * (b[i] - a[i]) for i in (0, 1))
         browser.mouse(("move", x, y), ("down", x, y), ("move", x + 30, y), ("move", x + 60, y - 20), ("up", x + 60, y - 20))
         browser.wait_for(f"{longitude} > {before[0][0]} + 1e-6")
         browser.wait_for(SAVED)
@@ -490,6 +529,17 @@ class MissionsPage(support.EndToEnd):
                 self.assertEqual([], cut, "text that does not fit")
                 unnamed = browser.evaluate("[...document.querySelectorAll('button, input, select')].filter((e) => !(e.textContent.trim() || e.getAttribute('aria-label') || e.getAttribute('aria-labelledby') || e.labels?.length)).map((e) => e.outerHTML)")
                 self.assertEqual([], unnamed, "controls without a name")
+            if size == "laptop":  # the legs lie over the route, and are no obstacle
+                self.click(browser, "[data-points=route] li:nth-child(1) .number")
+                before = browser.evaluate(self.LONGITUDE)
+                a, b = self.handles(browser)
+                x, y = (a[i] + .3 * (b[i] - a[i]) for i in (0, 1))
+                browser.mouse(("move", x, y), ("down", x, y), ("move", x + 30, y), ("move", x + 60, y), ("up", x + 60, y))
+                browser.wait_for(f"{self.LONGITUDE} > {before} + 1e-6")
+                browser.wait_for(SAVED)
+                self.click(browser, "#undo")
+                browser.wait_for(f"{self.LONGITUDE} === {before}")
+                browser.wait_for(SAVED)
             self.click(browser, "[data-draw=area]")
             browser.wait_for("!document.getElementById('drawing').hidden")
             with self.subTest("drawing, " + size):

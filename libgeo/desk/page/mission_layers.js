@@ -40,7 +40,8 @@ const tileText = ({ tile, captured_at, age_days, gsd_m, ce90_m, source, valid, m
   `Tile ${tile}: captured ${captured_at.slice(0, 10)} (${plural(age_days, "day")} old), ${gsd_m} m, accuracy ${ce90_m} m (CE90), ${source}, ${percent(valid)} valid` +
   (matchability ? `, matchability ${matchability}` : "");
 
-const makeMissionLayers = ({ map, renderer, state }) => {
+const makeMissionLayers = ({ missionMap, state }) => {
+  const { leaflet: map, renderer } = missionMap;
   const uncovered = L.layerGroup().addTo(map);
   const vectors = makeVectorOverlay(map), rasters = new Map(), outlines = L.layerGroup().addTo(map), facts = L.layerGroup().addTo(map), legs = L.layerGroup().addTo(map), picked = L.layerGroup().addTo(map);
   map.createPane("imagery").classList.add("imagery-pane");
@@ -177,7 +178,9 @@ const makeMissionLayers = ({ map, renderer, state }) => {
     for (const feature of ofKind("leg")) {
       const { verdict, beyond_alert_limit: beyond } = feature.properties, line = feature.geometry.coordinates.map(([lon, lat]) => [lat, lon]);
       L.polyline(line, { renderer, interactive: false, color: "#ffffff", weight: beyond ? 11 : 9 }).addTo(legs);
-      L.polyline(line, { renderer, color: beyond ? grades.bad : grades[verdict], weight: beyond ? 7 : 5, bubblingMouseEvents: false }).on("click", () => pickLeg(feature)).addTo(legs);
+      const leg = L.polyline(line, { renderer, color: beyond ? grades.bad : grades[verdict], weight: beyond ? 7 : 5, bubblingMouseEvents: false }).addTo(legs);
+      leg.on("mousedown", missionMap.pressRoute);
+      leg.on("click", () => { if (!missionMap.justDragged()) pickLeg(feature); });
       if (verdict === "good" && !beyond) continue;
       const button = element("button", { type: "button", class: "plain" }, legText(feature.properties));
       button.addEventListener("click", () => pickLeg(feature));
@@ -217,5 +220,7 @@ const makeMissionLayers = ({ map, renderer, state }) => {
     legend();
   };
   const nearestLook = (at_m) => ofKind("look").reduce((best, { properties }) => (!best || Math.abs(properties.at_m - at_m) < Math.abs(best.at_m - at_m) ? properties : best), null);
-  return { setSources, setMission, clear, redraw: drawFacts, nearestLook, bounds: () => sources.find(({ bounds }) => bounds)?.bounds ?? null };
+  // What is known of the legs is drawn over the route.
+  const raiseLegs = () => { for (const group of [legs, picked]) group.eachLayer((line) => line.bringToFront()); };
+  return { setSources, setMission, clear, raiseLegs, redraw: drawFacts, nearestLook, bounds: () => sources.find(({ bounds }) => bounds)?.bounds ?? null };
 };

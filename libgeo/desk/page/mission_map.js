@@ -25,7 +25,8 @@ const makeMissionMap = (container, { onSelect, onPoints, onRadius, onDrawn, onTo
   map.options.renderer = renderer;  // of all that is drawn: of several canvases, the top one alone would be clicked
   map.setView([20, 0], 2);
   const grounds = L.layerGroup().addTo(map), parts = L.layerGroup().addTo(map), marks = L.layerGroup().addTo(map);
-  let doc = null, selected = null, point = null, tool = null, drawn = null, snapping = true, snapped = null, draggedAt = -Infinity;
+  let doc = null, selected = null, point = null, tool = null, drawn = null, snapping = true, snapped = null, draggedAt = -Infinity, route = null;
+  const justDragged = () => performance.now() <= draggedAt + dragClick_ms;
 
   // ---- Lines as wide as on the ground
 
@@ -74,8 +75,8 @@ const makeMissionMap = (container, { onSelect, onPoints, onRadius, onDrawn, onTo
     parts.eachLayer((layer) => layer.disableEdit?.());
     for (const group of [grounds, parts, marks]) group.clearLayers();
     bands.length = 0;
+    route = null;
     if (!doc) return;
-    let route = null;
     for (const shape of shapesOf(doc)) {
       const at = latLngs(shape);
       if (at.length === 0 || at.includes(null)) continue;
@@ -83,7 +84,7 @@ const makeMissionMap = (container, { onSelect, onPoints, onRadius, onDrawn, onTo
       const layer = layerOf(shape, at).addTo(parts);
       layer.part = shape;
       if (shape === "route") route = layer; else addLabel(shape, layer);
-      layer.on("click", () => { if (performance.now() > draggedAt + dragClick_ms) onSelect(shape, null); });
+      layer.on("click", () => { if (!justDragged()) onSelect(shape, null); });
       layer.on("mousedown", (event) => dragPart(layer, event));
       if (shape === selected) layer.enableEdit(map);
     }
@@ -201,6 +202,15 @@ const makeMissionMap = (container, { onSelect, onPoints, onRadius, onDrawn, onTo
     map.on("mousemove", move);
     addEventListener("mouseup", end, { once: true });
   }
+  // A finger on the selected part does what the mouse does. Leaflet hears no mouse while a finger moves, and leaves events that
+  // are marked so to others: the map itself is dragged by its own touch events.
+  for (const [pointer, mouse] of Object.entries({ pointerdown: "mousedown", pointermove: "mousemove", pointerup: "mouseup", pointercancel: "mouseup" })) {
+    container.addEventListener(pointer, (event) => {
+      if (event.pointerType !== "touch" || !event.isPrimary || tool || !selected) return;
+      const { clientX, clientY, target } = event;
+      target.dispatchEvent(Object.assign(new MouseEvent(mouse, { bubbles: true, clientX, clientY }), { _simulated: true }));
+    });
+  }
   const movePart = (event) => {
     const step = event.shiftKey ? keyStride_px : keyStep_px, [x, y] = arrows[event.key], places = latLngs(selected);
     if (places.includes(null) || places.length === 0) return;
@@ -251,7 +261,7 @@ const makeMissionMap = (container, { onSelect, onPoints, onRadius, onDrawn, onTo
   };
   map.on("click", ({ latlng, originalEvent }) => {
     if (tool === "circle" || tool === "takeoff") takePlace(snapPlace(latlng, originalEvent) ?? latlng);
-    else if (!tool && performance.now() > draggedAt + dragClick_ms) onSelect(null, null);
+    else if (!tool && !justDragged()) onSelect(null, null);
   });
   map.on("editable:drawing:move editable:drawing:click", (event) => {
     const place = tool && event.latlng ? snapPlace(event.latlng, event.originalEvent) : null;
@@ -301,6 +311,8 @@ const makeMissionMap = (container, { onSelect, onPoints, onRadius, onDrawn, onTo
     show: (document_, shape, index) => { doc = document_, selected = shape, point = index; redraw(); },
     draw, finish, stop, moveSelectedBy: moveSelected,
     drawing: () => tool,
+    pressRoute: (event) => { if (route) dragPart(route, event); },  // on what is drawn over it
+    justDragged,
     setSnapping: (wanted) => { snapping = wanted; },
     goTo: (place) => { if (!map.getBounds().contains([place[1], place[0]])) map.panTo([place[1], place[0]], { animate: false }); },
     fit: ([west, south, east, north]) => map.fitBounds(L.latLngBounds([south, west], [north, east]).pad(.15), { animate: false, maxZoom: 18 }),

@@ -116,12 +116,13 @@ const map = makeMissionMap(byId("map"), {
 });
 const form = makeMissionForm({ edit, select, middle: map.middle, removePart: (shape) => edit(`${nameOf(shown.doc, shape)} removed`, (next) => removeShape(next, shape)) });
 const findings = makeFindings({ map: map.leaflet, renderer: map.renderer, select });
-const layers = makeMissionLayers({ map: map.leaflet, renderer: map.renderer, state });
+const layers = makeMissionLayers({ missionMap: map, state });
 const profile = makeMissionProfile({ map: map.leaflet, renderer: map.renderer, nearestLook: layers.nearestLook });
 const making = makeMissionPackage({ state, flush: saving.flush, edit, onJob: (job) => { shown.stored.job = job; making.setJob(job); } });
 
 const showDocument = () => {
   map.show(shown.doc, shown.shape, shown.point);
+  layers.raiseLegs();
   form.show(shown.doc, shown.shape, shown.point);
   showFindings();
 };
