@@ -1,6 +1,7 @@
 #include "navigability/look_model.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <memory>
@@ -29,11 +30,11 @@ MatchabilityOptions options_at(const CameraModel& camera, double agl_m, double m
 }
 
 // By its position in the world, so that a place has the same noise in every prediction.
-std::uint64_t number_of(LonLat place, int probe) {
+std::uint64_t number_of(LonLat place, std::uint64_t probe) {
   const auto part = [](double deg) {
     return static_cast<std::uint64_t>(static_cast<std::int64_t>(std::llround(deg * 1e5)) & 0x3FFFFFF);
   };
-  return part(place.lon_deg) << 32U | part(place.lat_deg) << 6U | static_cast<std::uint64_t>(probe);
+  return part(place.lon_deg) << 32U | part(place.lat_deg) << 6U | probe;
 }
 
 }  // namespace
@@ -85,8 +86,9 @@ ProbedGround LookProbes::look(LonLat place, double agl_m) {
   const PlaneBox box = square_around(impl_->frame.plane_from_lonlat(place), probe.reach_m());
   const MapWindow window = impl_->reader.read(impl_->frame, box, probe.options().gsd_m, Colour::grey);
   ProbedGround features{probe.options().footprint_m, probe.options().gsd_m, impl_->map_gsd_m, 0, 0, 0, 0};
-  for (int i = 0; i < kProbesPerLook; ++i) {
-    const PlaceMatchability one = probe.probe(window, number_of(place, i));
+  std::array<std::uint64_t, kProbesPerLook> numbers{};
+  for (std::size_t i = 0; i < numbers.size(); ++i) numbers[i] = number_of(place, i);
+  for (const PlaceMatchability& one : probe.probe(window, numbers)) {
     features.valid = one.valid;
     features.texture = one.texture;
     features.ratio += one.ratio / kProbesPerLook;

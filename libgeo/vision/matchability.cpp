@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 #include <vector>
 
 #include "base/random.hpp"
@@ -131,7 +132,8 @@ double MatchabilityProbe::texture_of(const cv::Mat& grey, const cv::Mat& mask) {
   return std::sqrt(cv::mean(x.mul(x) + y.mul(y), mask)[0]);
 }
 
-PlaceMatchability MatchabilityProbe::probe(const MapWindow& window, std::uint64_t number) const {
+std::vector<PlaceMatchability> MatchabilityProbe::probe(const MapWindow& window,
+                                                        std::span<const std::uint64_t> numbers) const {
   const int side = static_cast<int>(std::lround(options_.footprint_m / window.gsd_m));
   const cv::Point corner((window.image.cols - side) / 2, (window.image.rows - side) / 2);
   CV_Assert(side >= 8 && corner.x > 0 && corner.y > 0);
@@ -141,29 +143,43 @@ PlaceMatchability MatchabilityProbe::probe(const MapWindow& window, std::uint64_
   PlaceMatchability place;
   place.cls = MatchClass::poor;
   place.valid = static_cast<double>(cv::countNonZero(shown)) / static_cast<double>(shown.total());
-  if (place.valid < options_.limits.min_valid) return place;
+  std::vector<PlaceMatchability> places(numbers.size(), place);
+  if (place.valid < options_.limits.min_valid) return places;
   const Channels map = oriented_channels(window.image, window.mask, ChannelSet::six_orientations);
   place.entropy = entropy_of(map.pairs, footprint, shown);
   place.texture = texture_of(window.image(footprint), shown);
 
   const double contrast = std::min(1.0, kNoiseTexture / std::max(kMinTypicalTexture, options_.typical_texture));
-  const Pattern pattern = worn_pattern(window, side, noise_, contrast, Random(options_.seed).fork("place", number));
-  const Channels worn = oriented_channels(pattern.image, pattern.mask, ChannelSet::six_orientations);
-  const WindowSpectra spectra(map);
-  const cv::Mat scores = correlate(worn, spectra, TemplateNorm(worn, spectra, options_.limits.min_valid));
-
+  std::vector<Channels> worn;
+  for (const std::uint64_t number : numbers) {
+    const Pattern pattern = worn_pattern(window, side, noise_, contrast, Random(options_.seed).fork("place", number));
+    worn.push_back(oriented_channels(pattern.image, pattern.mask, ChannelSet::six_orientations));
+  }
   // Here: within the distance below which two places are one. Elsewhere: the rest.
-  cv::Mat here(scores.size(), CV_8UC1, cv::Scalar(0));
+  cv::Mat here(window.image.size() - cv::Size(side - 1, side - 1), CV_8UC1, cv::Scalar(0));
   cv::circle(here, corner, static_cast<int>(std::lround(options_.distinct_m / window.gsd_m)), cv::Scalar(255),
              cv::FILLED);
-  double best_here = 0, best_elsewhere = 0;
-  cv::minMaxLoc(scores, nullptr, &best_here, nullptr, nullptr, here);
-  cv::minMaxLoc(scores, nullptr, &best_elsewhere, nullptr, nullptr, here == 0);
-  place.score = std::max(0.0, best_here);
-  place.ratio =
-      best_here > 0 ? std::clamp(best_elsewhere / best_here, 0.0, kMaxMatchabilityRatio) : kMaxMatchabilityRatio;
-  place.cls = class_of(place, options_.limits);
-  return place;
+  const WindowSpectra spectra(map);
+  std::optional<TemplateNorm> norm;
+  for (std::size_t i = 0; i < numbers.size(); ++i) {
+    if (i == 0 || cv::norm(worn[i].mask, worn[i - 1].mask, cv::NORM_INF) != 0) {
+      norm.emplace(worn[i], spectra, options_.limits.min_valid);
+    }
+    const cv::Mat scores = correlate(worn[i], spectra, *norm);
+    double best_here = 0, best_elsewhere = 0;
+    cv::minMaxLoc(scores, nullptr, &best_here, nullptr, nullptr, here);
+    cv::minMaxLoc(scores, nullptr, &best_elsewhere, nullptr, nullptr, here == 0);
+    place.score = std::max(0.0, best_here);
+    place.ratio =
+        best_here > 0 ? std::clamp(best_elsewhere / best_here, 0.0, kMaxMatchabilityRatio) : kMaxMatchabilityRatio;
+    place.cls = class_of(place, options_.limits);
+    places[i] = place;
+  }
+  return places;
+}
+
+PlaceMatchability MatchabilityProbe::probe(const MapWindow& window, std::uint64_t number) const {
+  return probe(window, std::span(&number, 1)).front();
 }
 
 }  // namespace nadir

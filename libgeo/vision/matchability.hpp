@@ -8,6 +8,8 @@
 
 #include <cstdint>
 #include <opencv2/core/mat.hpp>
+#include <span>
+#include <vector>
 
 #include "imagery/map_window.hpp"
 #include "imagery/matchability_raster.hpp"
@@ -67,6 +69,8 @@ class MatchabilityProbe {
   // window: grey, of options.gsd_m, reach_m() to each side of the place, which is its middle. number: of the
   // place, so that each has noise of its own. The same input gives the same result; safe from several threads.
   PlaceMatchability probe(const MapWindow& window, std::uint64_t number) const;
+  // The same for each of the numbers; what the map needs is done once.
+  std::vector<PlaceMatchability> probe(const MapWindow& window, std::span<const std::uint64_t> numbers) const;
 
  private:
   MatchabilityOptions options_;
