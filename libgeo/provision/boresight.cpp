@@ -29,9 +29,10 @@ using Measured = Eigen::Matrix<double, 6, 1>;
 constexpr double kTelemetryMinute_s = 60;  // its errors are correlated for so long: the frames of a minute count as one
 constexpr double kMaxChi2 = 25;            // squared sigmas, six degrees of freedom: an outlier
 constexpr double kDelayPrior_s = 0.5, kObservableDelay_s = 0.05, kFixedDelay_s = 0.005;
-constexpr double kFree_rad = 1;       // no prior on the mount
-constexpr int kRounds = 15;           // of weights; within each Ceres solves to its minimum
-constexpr double kTolerance = 1e-10;  // of the sum of squares, relative
+constexpr double kGyroDelayFloor_s = 0.002;  // telemetry and gyroscopes do not share a clock better than that
+constexpr double kFree_rad = 1;              // no prior on the mount
+constexpr int kRounds = 15;                  // of weights; within each Ceres solves to its minimum
+constexpr double kTolerance = 1e-10;         // of the sum of squares, relative
 constexpr double kMaxMisfit = 3;
 
 Measured predicted(const BoresightMeasurement& measurement, const Unknowns& x) {
@@ -91,9 +92,9 @@ class Solver {
   }
 
   // Nothing when Ceres finds no solution.
-  std::optional<Solution> solve(double delay_sigma_s) const {
+  std::optional<Solution> solve(double delay_s, double delay_sigma_s) const {
     ceres::Vector prior(kUnknowns), sigma(kUnknowns);
-    prior << settings_.mount.heading_rad, settings_.mount.pitch_rad, settings_.mount.roll_rad, 0, 0, 0, 0;
+    prior << settings_.mount.heading_rad, settings_.mount.pitch_rad, settings_.mount.roll_rad, delay_s, 0, 0, 0;
     sigma << kFree_rad, kFree_rad, kFree_rad, delay_sigma_s, settings_.offset_sigma_m, settings_.offset_sigma_m,
         settings_.uncertainty.agl_relative;
     Solution solution{prior, Normal::Zero()};
@@ -159,12 +160,14 @@ std::optional<Boresight> solve_boresight(const std::vector<BoresightMeasurement>
                                          const BoresightSettings& settings) {
   if (measurements.size() < 3) return std::nullopt;
   const Solver solver(measurements, settings);
-  std::optional<Solution> solved = solver.solve(kDelayPrior_s);
+  const auto& gyro = settings.gyro_delay;
+  std::optional<Solution> solved =
+      gyro ? solver.solve(gyro->delay_s, std::max(gyro->sigma_s, kGyroDelayFloor_s)) : solver.solve(0, kDelayPrior_s);
   if (!solved) return std::nullopt;
   Boresight result;
   result.delay_sigma_s = std::sqrt(solved->covariance(delay, delay));
   result.delay_observable = result.delay_sigma_s < kObservableDelay_s;
-  if (!result.delay_observable) solved = solver.solve(kFixedDelay_s);
+  if (!result.delay_observable) solved = solver.solve(0, kFixedDelay_s);
   if (!solved || !solved->x.allFinite()) return std::nullopt;
   const Solution& solution = *solved;
   const auto sigma = [&](Unknown of) { return std::sqrt(solution.covariance(of, of)); };

@@ -22,6 +22,7 @@
 #include "base/progress.hpp"
 #include "geodesy/plane_point.hpp"
 #include "package/open_package.hpp"
+#include "provision/gyro_delay.hpp"
 #include "replay/flight_folder.hpp"
 #include "vision/camera.hpp"
 
@@ -44,6 +45,7 @@ struct BoresightSettings {
   TelemetryUncertainty uncertainty;  // of attitude and height, one sigma
   double gps_sigma_m = 1.5;          // per axis, the part that varies within minutes
   double offset_sigma_m = 4;         // per axis, the constant part
+  std::optional<GyroDelay> gyro_delay{};
 };
 
 struct Boresight {

@@ -8,6 +8,7 @@ import unittest
 from support import NADIRD, EndToEnd, main, run
 
 MOUNT_DEG = (4.0, -2.0, 1.5)  # yaw, pitch, roll
+CONFIGURED_DELAY_S, LATE_S = 0.1, 0.06  # the frames are stamped later than the configured delay explains
 WIDTH, HEIGHT, FOCAL = 640, 480, 520.0
 
 
@@ -42,30 +43,38 @@ class Boresight(EndToEnd):
         (self.folder / "camera.yaml").write_text("".join(f"{k}: {json.dumps(v)}\n" for k, v in camera.items()))
         (self.folder / "airframe.json").write_text(json.dumps(
             {"format": "nadir.airframe/1", "airframe": "any", "sequence": 4, "expires": "2035-01-01T00:00:00Z",
-             "camera": camera, "capture_delay_s": 0.1}))
+             "camera": camera, "capture_delay_s": CONFIGURED_DELAY_S}))
         self.good("simulate", "flight", "--world", world / "ground.tif", "--dem", world / "dem.tif", "--mission",
-                  world / "mission.yaml", "--camera", self.folder / "camera.yaml", "--noise", "none", "--frames", 30,
-                  "--interval-s", 3, "--out", flight)
+                  world / "mission.yaml", "--camera", self.folder / "camera.yaml", "--noise", "none", "--max-frames", 60,
+                  "--interval-s", 1, "--imu-hz", 100, "--out", flight)
         self.created = next(line.split()[1] for line in (world / "mission.yaml").read_text().splitlines()
                             if line.startswith("created:"))
-        self.askew(flight)
+        self.measured(flight)
         return flight
 
     @staticmethod
-    def askew(flight):
-        """The telemetry of an aircraft with a misaligned camera, and its GPS positions."""
+    def measured(flight):
+        """The telemetry of an aircraft with a misaligned camera whose frames are stamped late, and its GPS positions."""
         with open(flight / "truth.csv", encoding="utf-8") as file:
             truth = {row["frame"]: row for row in csv.DictReader(file)}
         with open(flight / "telemetry.csv", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
+        angles, places = ("heading_deg", "pitch_deg", "roll_deg"), ("lat_deg", "lon_deg")
         for row in rows:
-            measured = aircraft_under([float(row[f"{angle}_deg"]) for angle in ("heading", "pitch", "roll")], MOUNT_DEG)
-            row["heading_deg"], row["pitch_deg"], row["roll_deg"] = (f"{angle:.6f}" for angle in measured)
-            row["lat_deg"], row["lon_deg"] = (truth[row["frame"]][name] for name in ("lat_deg", "lon_deg"))
+            row.update(zip(angles, aircraft_under([float(row[name]) for name in angles], MOUNT_DEG)))
+            row.update((name, float(truth[row["frame"]][name])) for name in places)
+            row["time_s"] = float(row["time_s"])
+        late = []
+        for now, after in zip(rows, rows[1:]):
+            share = LATE_S / (after["time_s"] - now["time_s"])
+            at = {name: now[name] + share * (after[name] - now[name]) for name in ("time_s", *places)}
+            for name in angles:  # the shorter way round
+                at[name] = now[name] + share * ((after[name] - now[name] + 180) % 360 - 180)
+            late.append({**now, **{name: f"{value:.9f}" for name, value in at.items()}})
         with open(flight / "gps.csv", "w", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, rows[0].keys())
             writer.writeheader()
-            writer.writerows(rows)
+            writer.writerows(late)
 
     def command(self, flight, *more):
         return ["provision", "boresight", "--airframe", self.folder / "airframe.json", "--package", self.folder / "package",
@@ -81,6 +90,12 @@ class Boresight(EndToEnd):
             error = abs(found["mount_deg"][name] - wanted)
             self.assertLess(error, max(0.3, 3 * found["mount_sigma_deg"][name]), found)
             self.assertLess(error, 1.0, found)
+        # Two seconds of turning tell the delay better than all positions.
+        gyroscopes, delay_s = found["gyroscopes"], found["capture_delay_s"]
+        self.assertLess(gyroscopes["delay_sigma_s"], 0.005, found)
+        self.assertLess(abs(gyroscopes["delay_s"] - LATE_S), max(0.005, 3 * gyroscopes["delay_sigma_s"]), found)
+        self.assertTrue(found["capture_delay_seen"])
+        self.assertLess(abs(delay_s - CONFIGURED_DELAY_S - LATE_S), 0.01, found)
         airframe = json.loads((out / "airframe.json").read_text(encoding="utf-8"))
         self.assertAlmostEqual(found["mount_deg"]["yaw"], airframe["mount"]["yaw_deg"], 6)
         self.assertEqual((5, "2035-01-01T00:00:00Z"), (airframe["sequence"], airframe["expires"]))
@@ -90,7 +105,7 @@ class Boresight(EndToEnd):
 
         self.fails(2, *self.command(flight, "--key", self.folder / "signer.key.pem", "--out", out), mentions=["already exists"])
         nothing = self.folder / "nothing"
-        self.fails(1, *self.command(flight, "--to-s", "12", "--key", self.folder / "signer.key.pem", "--out", nothing),
+        self.fails(1, *self.command(flight, "--to-s", "8", "--key", self.folder / "signer.key.pem", "--out", nothing),
                    mentions=["provision.few_anchors"], leaves_nothing=nothing)
         (flight / "gps.csv").write_text((flight / "telemetry.csv").read_text(encoding="utf-8"), encoding="utf-8")
         self.fails(2, *self.command(flight), mentions=["no frame of this flight has a GPS position"])

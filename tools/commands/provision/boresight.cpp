@@ -1,6 +1,7 @@
 // nadir provision boresight: how the camera sits in the aircraft, from a flight during which GPS was good.
 #include <fmt/format.h>
 
+#include <array>
 #include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -22,6 +23,7 @@
 #include "provision/boresight.hpp"
 #include "replay/flight_folder.hpp"
 #include "replay/flight_request.hpp"
+#include "replay/inertial_file.hpp"
 #include "replay/recorded_flight.hpp"
 #include "token_keys/token_key.hpp"
 
@@ -30,6 +32,10 @@ namespace {
 
 std::string with_sigma(double value_rad, double sigma_rad) {
   return fmt::format("{:+.2f}° (σ {:.2f}°)", degrees(value_rad), degrees(sigma_rad));
+}
+
+std::array<double, 3> in_degrees(const Eigen::Vector3d& vector) {
+  return {degrees(vector.x()), degrees(vector.y()), degrees(vector.z())};
 }
 
 class ProvisionBoresightCommand final : public Command {
@@ -49,8 +55,10 @@ class ProvisionBoresightCommand final : public Command {
  private:
   void date_file(Airframe& airframe, const Clock& clock) const;
   Flight read_flight_segment(const std::filesystem::path& unpacked) const;
+  std::optional<GyroDelay> delay_by_gyroscopes(const BoresightFlight& from, const Airframe& airframe,
+                                               Progress& progress) const;
   int report(Context& context, const Findings& findings, const std::optional<Boresight>& boresight,
-             std::size_t looked_at, double delay_s) const;
+             const std::optional<GyroDelay>& gyro, std::size_t looked_at, double delay_s) const;
 
   std::filesystem::path airframe_, package_, trust_;
   std::optional<std::filesystem::path> frames_, telemetry_, recorder_, key_, out_;
@@ -119,6 +127,8 @@ Flight ProvisionBoresightCommand::read_flight_segment(const std::filesystem::pat
     flight = read_recorded_flight({*recorder_, session_, frames_, unpacked}).flight;
   } else {
     flight.frames = read_telemetry(*telemetry_);
+    const std::filesystem::path inertial = telemetry_->parent_path() / kInertialFile;
+    if (std::filesystem::exists(inertial)) add_inertial(flight.frames, read_inertial(inertial), inertial);
     flight.frames_folder = *frames_;
   }
   const double from_s = from_s_.value_or(-std::numeric_limits<double>::infinity());
@@ -161,6 +171,16 @@ void ProvisionBoresightCommand::date_file(Airframe& airframe, const Clock& clock
   check_expires(*airframe.expires, clock);
 }
 
+std::optional<GyroDelay> ProvisionBoresightCommand::delay_by_gyroscopes(const BoresightFlight& from,
+                                                                        const Airframe& airframe,
+                                                                        Progress& progress) const {
+  const std::vector<InertialSample> samples = inertial_samples(from.flight);
+  if (samples.empty()) return std::nullopt;
+  const std::vector<ImageTurn> turns =
+      measure_image_turns(from.flight, airframe.camera, from.assumed_mount, airframe.mount, from.most_frames, progress);
+  return solve_gyro_delay(turns, samples);
+}
+
 int ProvisionBoresightCommand::run(Context& context) {
   Airframe airframe = read_airframe(airframe_);
   std::optional<PrivateKey> key;
@@ -183,6 +203,7 @@ int ProvisionBoresightCommand::run(Context& context) {
       measure_boresight(from, airframe.camera, airframe.mount, *opening.package, context.progress);
   BoresightSettings settings{airframe.mount, airframe.camera.uncertainty};
   settings.gps_sigma_m = gps_sigma_m_;
+  settings.gyro_delay = delay_by_gyroscopes(from, airframe, context.progress);
   settings.offset_sigma_m = std::hypot(settings.offset_sigma_m, map_sigma_m(opening.package->imagery()));
   const auto boresight = solve_boresight(seen.measurements, settings);
   Findings findings = check_boresight(boresight, limits_);
@@ -192,12 +213,12 @@ int ProvisionBoresightCommand::run(Context& context) {
     airframe.capture_delay_s = std::max(configured_delay_s + boresight->delay_s, 0.0);
   }
   if (!findings.has_errors() && out_) write_airframe(*out_, airframe, *key);
-  return report(context, findings, boresight, seen.frames, airframe.capture_delay_s);
+  return report(context, findings, boresight, settings.gyro_delay, seen.frames, airframe.capture_delay_s);
 }
 
 int ProvisionBoresightCommand::report(Context& context, const Findings& findings,
-                                      const std::optional<Boresight>& boresight, std::size_t looked_at,
-                                      double delay_s) const {
+                                      const std::optional<Boresight>& boresight, const std::optional<GyroDelay>& gyro,
+                                      std::size_t looked_at, double delay_s) const {
   if (!boresight) return report_findings(context.out, context.json, findings);
   const Boresight& b = *boresight;
   if (context.json) {
@@ -216,6 +237,13 @@ int ProvisionBoresightCommand::report(Context& context, const Findings& findings
                             {"capture_delay_s", delay_s},
                             {"capture_delay_seen", b.delay_observable},
                             {"capture_delay_sigma_s", b.delay_sigma_s},
+                            {"gyroscopes", gyro ? nlohmann::json{{"delay_s", gyro->delay_s},
+                                                                 {"delay_sigma_s", gyro->sigma_s},
+                                                                 {"bias_deg_s", in_degrees(gyro->bias_rad_s)},
+                                                                 {"mount_deg", in_degrees(gyro->mount_rad)},
+                                                                 {"pairs_used", gyro->used},
+                                                                 {"pairs_set_aside", gyro->outliers}}
+                                                : nlohmann::json()},
                             {"offset_m", {b.offset_m.x(), b.offset_m.y()}},
                             {"height_factor", b.height_factor},
                             {"misfit", b.misfit}});
@@ -230,6 +258,9 @@ int ProvisionBoresightCommand::report(Context& context, const Findings& findings
        {"capture delay", b.delay_observable
                              ? fmt::format("{:.3f} s (σ {:.3f} s)", delay_s, b.delay_sigma_s)
                              : fmt::format("{:.3f} s as configured; this flight does not determine it", delay_s)},
+       {"gyroscopes", gyro ? fmt::format("frames {:+.4f} s later than configured (σ {:.4f} s), by {} of {} turns",
+                                         gyro->delay_s, gyro->sigma_s, gyro->used, gyro->used + gyro->outliers)
+                           : "no samples that tell the delay"},
        {"GPS to map", fmt::format("{:+.1f} m east, {:+.1f} m north", b.offset_m.x(), b.offset_m.y())},
        {"height", fmt::format("{:.3f} of the reported height", b.height_factor)},
        {"misfit", fmt::format("{:.2f} (1: residuals match the uncertainty)", b.misfit)},
