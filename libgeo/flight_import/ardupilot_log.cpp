@@ -150,11 +150,13 @@ class DataflashInterpreter {
     const auto time_s = record.time_s();
     const std::string& name = record.name();
     const bool wanted = name == "ATT" || name == "GPS" || name == "POS" || name == "BARO" || name == "RFND" ||
-                        name == "TERR" || name == "CAM" || name == "TRIG";
+                        name == "TERR" || name == "CAM" || name == "TRIG" || name == "IMU";
     if (!wanted || !time_s || !builder_.take_time(*time_s)) return;
     if (name == "ATT") {
       builder_.attitude(*time_s, radians(record.number_or_nan("Yaw")), radians(record.number_or_nan("Pitch")),
                         radians(record.number_or_nan("Roll")));
+    } else if (name == "IMU") {
+      take_inertial(*time_s, record);
     } else if (name == "GPS") {
       take_gps(*time_s, record);
     } else if (name == "POS") {
@@ -189,6 +191,13 @@ class DataflashInterpreter {
   }
 
  private:
+  void take_inertial(double time_s, const DataflashRecord& record) {
+    if (record.number("I").value_or(0) != 0) return;
+    builder_.inertial(time_s,
+                      {record.number_or_nan("GyrX"), record.number_or_nan("GyrY"), record.number_or_nan("GyrZ")},
+                      {record.number_or_nan("AccX"), record.number_or_nan("AccY"), record.number_or_nan("AccZ")});
+  }
+
   void take_gps(double time_s, const DataflashRecord& record) {
     constexpr double kFix3d = 3;
     if (record.number("I").value_or(0) != 0 || !(record.number_or_nan("Status") >= kFix3d)) return;

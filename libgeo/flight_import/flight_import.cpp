@@ -21,11 +21,15 @@
 #include "flight_import/px4_log.hpp"
 #include "flight_import/recording_import.hpp"
 #include "flight_import/video_frames.hpp"
+#include "replay/inertial_file.hpp"
+#include "vision/localizer_parameters.hpp"
 
 namespace nadir {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr double kInertialMargin_s = 1;  // before the first frame and after the last: delays are looked for in it
 
 std::string import_json(const ImportResult& result, const ImportReport& report) {
   nlohmann::json document{{"schema", "nadir.flight-import/1"}, {"frames", result.frames}};
@@ -307,6 +311,7 @@ class FlightImporter {
       frames_[i].time_s = std::max(frames_[i].time_s, frames_[i - 1].time_s + kMinFrameStep_s);
     }
     telemetry_->report(frames_, set_, report_);
+    if (log_ && !telemetry_->on_gimbal()) take_inertial();
     if (!frames_.empty()) {
       report_.figure("time",
                      fmt::format("{} to {}, {:.0f} s", text_of_time(frames_.front().time_s),
@@ -320,6 +325,37 @@ class FlightImporter {
                      "no truth.csv is written");
       }
     }
+  }
+
+  // Of the time of the frames, in the camera's axes.
+  void take_inertial() {
+    if (frames_.empty()) return;
+    const double time_from_log_s = log_->unix_from_log_s.value_or(0);
+    const double from_s = frames_.front().time_s - kInertialMargin_s, to_s = frames_.back().time_s + kInertialMargin_s;
+    for (InertialSample sample : log_->inertial) {
+      sample.time_s += time_from_log_s;
+      if (sample.time_s < from_s || sample.time_s > to_s) continue;
+      sample.rate_rad_s = camera_rate(sample.rate_rad_s, request_.mount);
+      sample.force_mps2 = camera_rate(sample.force_mps2, request_.mount);
+      inertial_.push_back(sample);
+    }
+    if (inertial_.empty()) return;
+    if (!close_enough(inertial_)) {
+      report_.note("import.inertial", request_.log->string(), "samples of the inertial sensor, 100 a second",
+                   fmt::format("{} in {:.0f} s", inertial_.size(), to_s - from_s),
+                   "they are left out; the autopilot's own log has more than a ground station's");
+      inertial_.clear();
+      return;
+    }
+    report_.figure("inertial", count(inertial_.size(), "sample"));
+    for (ImportedFrame& frame : frames_) frame.rate_rad_s = rate_at(frame.time_s);
+  }
+
+  // The camera's turn, of the sample whose time holds the moment.
+  std::optional<Eigen::Vector3d> rate_at(double time_s) const {
+    const auto at = std::ranges::lower_bound(inertial_, time_s, {}, &InertialSample::time_s);
+    if (at == inertial_.end() || at->time_s > time_s + parameters::inertial::kMaxGap_s) return std::nullopt;
+    return at->rate_rad_s;
   }
 
   std::string text_of_time(double time_s) const {
@@ -339,6 +375,7 @@ class FlightImporter {
     ImportedRecording recording =
         import_recording({*request_.recording, request_.session, folder, frames_folder}, request_.truth);
     frames_ = std::move(recording.frames);
+    inertial_ = std::move(recording.inertial);
     camera_text_ = std::move(recording.camera_yaml);
     report_.add(recording.findings);
     result_.start = recording.start;
@@ -353,6 +390,7 @@ class FlightImporter {
                                                                           : FrameOrigin::linked;
     write_frames(frames_, origin, folder / "frames", progress_);
     write_file_atomic(folder / "telemetry.csv", telemetry_csv(frames_));
+    if (close_enough(inertial_)) write_file_atomic(folder / kInertialFile, inertial_csv(inertial_));
     write_file_atomic(folder / "camera.yaml", camera_text_.empty() ? drafted_camera() : camera_text_);
     const bool truth = std::any_of(frames_.begin(), frames_.end(), [](const auto& one) { return one.place; });
     if (truth) write_file_atomic(folder / "truth.csv", truth_csv(frames_));
@@ -370,6 +408,7 @@ class FlightImporter {
   std::string camera_text_;
   std::vector<ImportedFrame> frames_;
   std::vector<FrameSource> sources_;  // of frames_, until telemetry is taken
+  std::vector<InertialSample> inertial_;
   StatedTelemetry stated_;
   std::optional<FrameTelemetry> telemetry_;
   bool utc_ = true;        // times are UTC, not those of an unknown zone

@@ -1,6 +1,7 @@
 #include "flight_import/flight_log.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -57,6 +58,8 @@ bool in_order(const std::vector<Sample>& samples, double time_s) {
 }
 
 double between(double from, double to, double share) { return from + share * (to - from); }
+constexpr double kTimeRounding_s = 1e-6;
+
 double angle_between(double from, double to, double share) { return wrap_pi(from + share * wrap_pi(to - from)); }
 
 template <class Sample>
@@ -152,6 +155,20 @@ void LogBuilder::position(double time_s, LonLat place, double msl_m) {
                         !(place.lon_deg == 0 && place.lat_deg == 0);
   if (!possible || !in_order(log_.positions, time_s)) return;
   log_.positions.push_back({time_s, place, msl_m});
+}
+
+void LogBuilder::inertial(double time_s, const Eigen::Vector3d& rate_rad_s, const Eigen::Vector3d& force_mps2) {
+  std::vector<InertialSample>& samples = log_.inertial;
+  if (usable_samples(std::array{InertialSample{time_s, rate_rad_s, force_mps2}}, -1).empty()) return;
+  if (time_s <= sum_.time_s) return;
+  sum_.time_s = time_s;
+  sum_.rate_rad_s += rate_rad_s;
+  sum_.force_mps2 += force_mps2;
+  ++summed_;
+  if (!samples.empty() && time_s < samples.back().time_s + 1 / kInertialRate_hz - kTimeRounding_s) return;
+  samples.push_back({time_s, sum_.rate_rad_s / summed_, sum_.force_mps2 / summed_});
+  sum_ = {.time_s = time_s};
+  summed_ = 0;
 }
 
 void LogBuilder::trigger(double time_s) {

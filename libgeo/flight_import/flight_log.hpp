@@ -21,6 +21,7 @@
 #include <string>
 #include <vector>
 
+#include "estimation/inertial_preintegration.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "vision/camera.hpp"
 
@@ -58,6 +59,7 @@ struct FlightLog {
   std::vector<TimedHeight> msl_heights;      // above mean sea level
   std::vector<TimedPosition> positions;      // of the GPS receiver, with a 3D fix
   std::vector<CameraTrigger> triggers;
+  std::vector<InertialSample> inertial;  // axes: forward, right, down; of the first sensor, at most kInertialRate_hz
 
   std::uint64_t records = 0;        // that were read
   std::uint64_t damaged = 0;        // records that were not
@@ -71,6 +73,9 @@ struct FlightLog {
   double begin_s() const;  // of all samples
   double end_s() const;
 };
+
+// A replay needs no more; autopilots log up to some thousand a second.
+inline constexpr double kInertialRate_hz = 125;
 
 // Linear between the samples around the time; nothing where these are further apart than the gap, or before the first
 // and after the last one by more than it.
@@ -93,6 +98,8 @@ class LogBuilder {
   void attitude(double time_s, double heading_rad, double pitch_rad, double roll_rad);
   void height(std::vector<TimedHeight> FlightLog::*which, double time_s, double height_m);
   void position(double time_s, LonLat place, double msl_m);
+  // Averaged to kInertialRate_hz.
+  void inertial(double time_s, const Eigen::Vector3d& rate_rad_s, const Eigen::Vector3d& force_mps2);
   void trigger(double time_s);             // reported by the camera, or by its hot shoe
   void commanded_trigger(double time_s);   // counts in a log that has none of the exact ones
   void utc(double time_s, double unix_s);  // both of one moment
@@ -103,6 +110,8 @@ class LogBuilder {
  private:
   FlightLog log_;
   std::vector<CameraTrigger> commanded_;
+  InertialSample sum_;  // of the samples since the last that was taken
+  int summed_ = 0;
   std::optional<double> last_s_;
   double rejected_s_ = 0;  // the last time that was not taken
   int rejected_ = 0;       // in a row, and in agreement with each other

@@ -42,6 +42,8 @@ class FrameTelemetry {
   // Where the frame was taken, for scoring.
   void set_truth(const PhotoFacts& photo, std::optional<double> log_s, ImportedFrame& frame) const;
 
+  // Of a frame: the camera does not turn with the aircraft.
+  bool on_gimbal() const { return used(AttitudeSource::gimbal) > 0; }
   // What was used, assumed and left out, for the frames that are kept.
   void report(const std::vector<ImportedFrame>& frames, const PhotoSet& set, ImportReport& report) const;
   // For a camera file that is drafted: what such sources are good for.

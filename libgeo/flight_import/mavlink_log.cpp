@@ -35,6 +35,8 @@ std::size_t tlog_frame_size(ByteView frame) {
   return 10U + frame[1] + 2U + (has_signature ? kSignatureSize : 0U);
 }
 
+Eigen::Vector3d vector_of(const Vector3& vector) { return {vector.x, vector.y, vector.z}; }
+
 class TlogInterpreter {
  public:
   TlogInterpreter() : builder_("MAVLink telemetry log") {}
@@ -56,6 +58,11 @@ class TlogInterpreter {
     if (const auto* attitude = std::get_if<AircraftAttitude>(&*message)) {
       if (const auto time_s = boot_time(attitude->boot_ms, arrival_s)) {
         builder_.attitude(*time_s, attitude->yaw_rad, attitude->pitch_rad, attitude->roll_rad);
+      }
+    } else if (const auto* sample = std::get_if<ImuSample>(&*message)) {
+      const double time_s = static_cast<double>(sample->time_us) * 1e-6;
+      if (sample->instance == 1 && builder_.take_time(time_s)) {
+        builder_.inertial(time_s, vector_of(sample->rate_rad_s), vector_of(sample->acceleration_mps2));
       }
     } else if (const auto* position = std::get_if<GlobalPosition>(&*message)) {
       if (const auto time_s = boot_time(position->boot_ms, arrival_s)) {

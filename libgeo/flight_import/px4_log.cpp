@@ -175,9 +175,10 @@ class UlogInterpreter {
   LogBuilder& builder() { return builder_; }
 
   static bool wants(std::string_view topic) {
-    constexpr std::array<std::string_view, 8> kWanted{
-        "vehicle_attitude",        "vehicle_gps_position", "sensor_gps",     "vehicle_local_position",
-        "vehicle_global_position", "distance_sensor",      "camera_capture", "camera_trigger"};
+    constexpr std::array<std::string_view, 9> kWanted{
+        "vehicle_attitude",       "vehicle_gps_position",    "sensor_gps",
+        "vehicle_local_position", "vehicle_global_position", "distance_sensor",
+        "camera_capture",         "camera_trigger",          "sensor_combined"};
     return std::find(kWanted.begin(), kWanted.end(), topic) != kWanted.end();
   }
 
@@ -188,6 +189,8 @@ class UlogInterpreter {
     const double time_s = *us * 1e-6;
     if (topic.name == "vehicle_attitude") {
       take_attitude(time_s, data);
+    } else if (topic.name == "sensor_combined") {
+      builder_.inertial(time_s, vector_of(data, "gyro_rad"), vector_of(data, "accelerometer_m_s2"));
     } else if (topic.name == "vehicle_gps_position" || topic.name == "sensor_gps") {
       gps_from_fused_ = gps_from_fused_ || topic.name == "vehicle_gps_position";
       if (topic.name == "vehicle_gps_position" || !gps_from_fused_) take_gps(time_s, data);
@@ -212,6 +215,11 @@ class UlogInterpreter {
   FlightLog finish() { return builder_.finish(); }
 
  private:
+  static Eigen::Vector3d vector_of(const UlogData& data, std::string_view name) {
+    const auto axis = [&](int i) { return data.number_or_nan(fmt::format("{}[{}]", name, i)); };
+    return {axis(0), axis(1), axis(2)};
+  }
+
   void take_attitude(double time_s, const UlogData& data) {
     const double w = data.number_or_nan("q[0]"), x = data.number_or_nan("q[1]"), y = data.number_or_nan("q[2]"),
                  z = data.number_or_nan("q[3]");

@@ -49,6 +49,7 @@ ImportedRecording import_recording(const RecordedFlightSource& source, bool trut
   std::size_t renamed = 0, empty = 0;
   for (std::size_t i = 0; i < recorded.flight.frames.size(); ++i) {
     const Telemetry& telemetry = recorded.flight.frames[i];
+    result.inertial.insert(result.inertial.end(), telemetry.inertial.begin(), telemetry.inertial.end());
     ImportedFrame frame;
     frame.file = recorded.flight.image_path(i);
     std::error_code error;

@@ -17,6 +17,7 @@ namespace nadir {
 
 struct ImportedRecording {
   std::vector<ImportedFrame> frames;
+  std::vector<InertialSample> inertial;
   std::string camera_yaml;
   std::optional<LonLat> start;
   std::string text;  // what it is, for people

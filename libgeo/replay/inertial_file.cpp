@@ -1,9 +1,11 @@
 #include "replay/inertial_file.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <array>
+#include <optional>
 
 #include "base/csv.hpp"
 #include "base/error.hpp"
@@ -15,22 +17,29 @@ namespace {
 constexpr std::array<const char*, 7> kColumns = {"time_s",       "gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s",
                                                  "accel_x_mps2", "accel_y_mps2", "accel_z_mps2"};
 
-void check_rate(const CsvTable& table, const std::vector<InertialSample>& samples) {
+// Nothing for fewer than two samples.
+std::optional<double> median_step_s(std::span<const InertialSample> samples) {
   std::vector<double> steps_s;
   for (std::size_t i = 1; i < samples.size(); ++i) steps_s.push_back(samples[i].time_s - samples[i - 1].time_s);
-  if (steps_s.empty()) {
+  if (steps_s.empty()) return std::nullopt;
+  const auto middle = steps_s.begin() + static_cast<std::ptrdiff_t>(steps_s.size() / 2);
+  std::ranges::nth_element(steps_s, middle);
+  return *middle;
+}
+
+void check_rate(const CsvTable& table, const std::vector<InertialSample>& samples) {
+  const auto step_s = median_step_s(samples);
+  if (!step_s) {
     throw UsageError({.what = "there are no inertial samples",
                       .where = table.path().string(),
                       .expected = "a row for each of at least two samples",
                       .fix = "remove the file if the flight has none"});
   }
-  const auto middle = steps_s.begin() + static_cast<std::ptrdiff_t>(steps_s.size() / 2);
-  std::ranges::nth_element(steps_s, middle);
-  if (*middle <= parameters::inertial::kMaxGap_s) return;
+  if (close_enough(samples)) return;
   throw UsageError({.what = "the inertial samples are too far apart",
                     .where = table.path().string(),
                     .expected = fmt::format("100 a second, {:.0f} at least", 1 / parameters::inertial::kMaxGap_s),
-                    .found = fmt::format("one each {:.3f} s", *middle),
+                    .found = fmt::format("one each {:.3f} s", *step_s),
                     .fix = "log the inertial sensor faster, or remove the file"});
 }
 
@@ -59,6 +68,21 @@ std::vector<InertialSample> read_inertial(const CsvTable& table) {
   }
   check_rate(table, samples);
   return samples;
+}
+
+std::string inertial_csv(std::span<const InertialSample> samples) {
+  std::string csv = fmt::format("{}\n", fmt::join(kColumns, ","));
+  for (const InertialSample& sample : samples) {
+    const auto &rate = sample.rate_rad_s, &force = sample.force_mps2;
+    csv += fmt::format("{:.6f},{:.7f},{:.7f},{:.7f},{:.6f},{:.6f},{:.6f}\n", sample.time_s, rate.x(), rate.y(),
+                       rate.z(), force.x(), force.y(), force.z());
+  }
+  return csv;
+}
+
+bool close_enough(std::span<const InertialSample> samples) {
+  const auto step_s = median_step_s(samples);
+  return step_s && *step_s <= parameters::inertial::kMaxGap_s;
 }
 
 void add_inertial(std::vector<Telemetry>& frames, std::span<const InertialSample> samples,

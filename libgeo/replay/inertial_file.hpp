@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -19,6 +20,11 @@ inline constexpr std::string_view kInertialFile = "imu.csv";
 // apart that none could be used.
 std::vector<InertialSample> read_inertial(const std::filesystem::path& path);
 std::vector<InertialSample> read_inertial(const CsvTable& table);
+
+std::string inertial_csv(std::span<const InertialSample> samples);
+
+// Half of the samples have a neighbour near enough to be used.
+bool close_enough(std::span<const InertialSample> samples);
 
 // Gives each frame but the first the samples since the one before. Throws UsageError when the flight has none of them:
 // the two files have other clocks. `name`: of the samples' file, for messages.

@@ -201,6 +201,43 @@ TEST_F(FlightImport, TheMountTurnsTheLogsAttitudeIntoTheCameras) {
   EXPECT_FALSE(finding(result, "import.mount"));
 }
 
+TEST_F(FlightImport, InertialSamplesOfTheLogAreThoseOfTheCamera) {
+  photograph(triggers_, 0);
+  flight_.inertial_hz = 100;
+  for (const double mounted_deg : {0.0, 90.0}) {
+    for (const LogKind& kind : {kLogs[0], kLogs[1]}) {
+      SCOPED_TRACE(fmt::format("{}, {}°", kind.file, mounted_deg));
+      ImportRequest request;
+      request.log = folder_.write(kind.file, as_text(kind.bytes(flight_, triggers_)));
+      request.mount = {radians(mounted_deg), 0, 0};
+      ASSERT_FALSE(import(request).findings.has_errors());
+      const Flight flight = imported();
+      const double time_s = triggers_[4];
+      const std::vector<InertialSample>& samples = flight.frames[4].inertial;
+      EXPECT_NEAR(static_cast<double>(samples.size()), 100 * (time_s - triggers_[3]), 3);
+      EXPECT_NEAR(samples.back().time_s, flight.frames[4].time_s, 0.011);
+      EXPECT_NEAR(samples.back().force_mps2.z(), -9.8, 1e-5);
+      // Of a camera whose image-up is to the right: what was forward is to its left.
+      const Eigen::Vector3d aircraft = flight_.rate_at(time_s);
+      const Eigen::Vector3d expected =
+          mounted_deg == 0 ? aircraft : Eigen::Vector3d(aircraft.y(), -aircraft.x(), aircraft.z());
+      EXPECT_LT((*flight.frames[4].rate_rad_s - expected).norm(), radians(0.5));
+      EXPECT_LT((samples.back().rate_rad_s - expected).norm(), radians(0.5));
+    }
+  }
+}
+
+TEST_F(FlightImport, FewInertialSamplesAreLeftOut) {
+  photograph(triggers_, 0);
+  flight_.inertial_hz = 10;
+  ImportRequest request;
+  request.log = folder_.write("a.BIN", as_text(test::sample_dataflash(flight_, triggers_)));
+  const ImportResult result = import(request);
+  EXPECT_TRUE(finding(result, "import.inertial"));
+  EXPECT_FALSE(fs::exists(out() / "imu.csv"));
+  EXPECT_TRUE(imported().frames[3].inertial.empty());
+}
+
 TEST_F(FlightImport, TheStatedClockOffsetWins) {
   photograph(triggers_, 0);
   ImportRequest request;
@@ -523,6 +560,9 @@ class RecordingImport : public FlightImport {
       if (i > 0) {
         telemetry.intervals.push_back({1, radians(3), Eigen::Vector2d(0.5, -0.25)});
         telemetry.imu_dv_mps = Eigen::Vector2d(1, 2);
+        for (int k = 1; k <= 40; ++k) {
+          telemetry.inertial.push_back({telemetry.time_s - 2 + 0.05 * k, {0.01, 0.02, 0.03}, {0.1, 0.2, -9.8}});
+        }
       }
       telemetry.gps_position = LonLat{8.5, 47.4};
       recording.before(i, telemetry, image);
@@ -554,6 +594,9 @@ TEST_F(RecordingImport, FramesTelemetryAndCameraAsTheyWereFlown) {
   EXPECT_FALSE(flight.frames[0].imu_dv_mps);
   EXPECT_NEAR(flight.frames[1].imu_dv_mps->x(), 1.5, 1e-9);  // of both intervals
   EXPECT_NEAR(flight.frames[1].imu_dv_mps->y(), 1.75, 1e-9);
+  ASSERT_EQ(flight.frames[2].inertial.size(), 40U);
+  EXPECT_NEAR(flight.frames[2].inertial[3].time_s, 1002.2, 1e-6);
+  EXPECT_NEAR(flight.frames[2].inertial[3].rate_rad_s.z(), 0.03, 1e-6);
   EXPECT_EQ(flight.camera.camera.fx, camera_.camera.fx);
   EXPECT_NEAR(flight.camera.uncertainty.tilt_rad, camera_.uncertainty.tilt_rad, 1e-12);
   EXPECT_EQ(CsvTable::read(out() / "truth.csv").rows(), 3U);

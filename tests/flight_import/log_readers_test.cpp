@@ -87,6 +87,44 @@ TEST_P(EveryLog, HasTheFlightThatWasFlown) {
   EXPECT_FALSE(attitude_at(log.attitudes, 230, 2));
 }
 
+TEST(InertialOfLogs, IsThatOfTheFlightAndNoMoreThanIsNeeded) {
+  for (const int hz : {50, 400}) {
+    const SampleFlight flight{.inertial_hz = hz};
+    for (const Format& format :
+         {Format{"dataflash", read_ardupilot_log, is_ardupilot_log, test::sample_dataflash(flight, {})},
+          Format{"ulog", read_px4_log, is_px4_log, test::sample_ulog(flight, {})}}) {
+      SCOPED_TRACE(fmt::format("{} at {} Hz", format.name, hz));
+      const FlightLog log = read(format, format.bytes);
+      EXPECT_NEAR(static_cast<double>(log.inertial.size()), 120 * std::min(hz, 100), 12);
+      Eigen::Vector3d worst = Eigen::Vector3d::Zero();
+      for (const InertialSample& sample : log.inertial) {
+        const Eigen::Vector3d rate = flight.rate_at(sample.time_s - (hz > 100 ? 0.00375 : 0));  // middle of four
+        worst = worst.cwiseMax((sample.rate_rad_s - rate).cwiseAbs());
+        ASSERT_NEAR(sample.force_mps2.z(), -9.8, 1e-5);
+      }
+      EXPECT_LT(worst.x(), radians(0.5));
+      EXPECT_LT(worst.y(), radians(0.5));
+      EXPECT_LT(worst.z(), radians(40));  // of the simulated turns, which begin at once
+    }
+  }
+}
+
+TEST(InertialOfLogs, DamageAndDisorderAreLeftOut) {
+  LogBuilder builder("");
+  const Eigen::Vector3d rate(0.1, 0, 0), force(0, 0, -9.8);
+  for (const double time_s : {1.0, 1.02, 1.01, 1.02, 1.04, std::nan("")}) builder.inertial(time_s, rate, force);
+  builder.inertial(1.06, {std::nan(""), 0, 0}, force);
+  builder.inertial(1.07, {1e6, 0, 0}, force);
+  builder.inertial(1.08, rate, force);
+  const FlightLog log = builder.finish();
+  std::vector<double> times_s;
+  for (const InertialSample& sample : log.inertial) {
+    times_s.push_back(sample.time_s);
+    EXPECT_EQ(sample.rate_rad_s, rate);
+  }
+  EXPECT_EQ(times_s, (std::vector{1.0, 1.02, 1.04, 1.08}));
+}
+
 TEST_P(EveryLog, FromAFileAsFromMemory) {
   LogStream stream{InputFile(folder_.write("a.log", as_text(format().bytes)))};
   const FlightLog log = format().read(stream);

@@ -23,6 +23,29 @@ Attitude SampleFlight::attitude_at(double time_s) const {
   return {wrap_pi(radians(heading_deg)), radians(2 + std::sin(t / 3)), radians(-1 + std::cos(t / 5))};
 }
 
+Eigen::Vector3d SampleFlight::rate_at(double time_s) const {
+  constexpr double kStep_s = 0.005;
+  return camera_rate(attitude_at(time_s - kStep_s), attitude_at(time_s + kStep_s), 2 * kStep_s);
+}
+
+namespace {
+
+// The samples of a tenth of a second: time, turn rate; level and at rest by the accelerometers.
+template <class Write>
+void write_inertial(const SampleFlight& flight, double from_s, const Write& write) {
+  for (int k = 0; k < flight.inertial_hz / 10; ++k) {
+    const double time_s = from_s + static_cast<double>(k) / flight.inertial_hz;
+    const Eigen::Vector3f rate = flight.rate_at(time_s).cast<float>();
+    Packed values;
+    values.put(static_cast<std::uint64_t>(std::llround(time_s * 1e6)));
+    for (int axis = 0; axis < 3; ++axis) values.put(rate[axis]);
+    for (const float force : {0.1F, -0.2F, -9.8F}) values.put(force);
+    write(values);
+  }
+}
+
+}  // namespace
+
 DataflashWriter::DataflashWriter() { format(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"); }
 
 void DataflashWriter::format(std::uint8_t type, std::string_view name, std::string_view types,
@@ -60,10 +83,12 @@ Bytes sample_dataflash(const SampleFlight& flight, const std::vector<double>& tr
   log.format(12, "POS", "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt");
   log.format(13, "CAM", "QIHLL", "TimeUS,GPSTime,GPSWeek,Lat,Lng");
   log.format(14, "MSG", "QZ", "TimeUS,Message");
+  log.format(15, "IMU", "Qffffff", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ");
   std::size_t next = 0;
   for (int i = 0; flight.begin_s + i * 0.1 <= flight.end_s; ++i) {
     const double t = flight.begin_s + i * 0.1;
     const auto us = static_cast<std::uint64_t>(std::llround(t * 1e6));
+    write_inertial(flight, t, [&](const Bytes& values) { log.record(15, values); });
     const Attitude a = flight.attitude_at(t);
     const auto centi = [](double angle_rad) {
       return static_cast<std::int16_t>(std::lround(degrees(angle_rad) * 100));
@@ -156,11 +181,14 @@ Bytes sample_ulog(const SampleFlight& flight, const std::vector<double>& trigger
   log.subscribe(0, "vehicle_attitude");
   log.subscribe(1, "vehicle_gps_position");
   log.subscribe(2, "vehicle_local_position");
+  log.format("sensor_combined:uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;");
   log.subscribe(3, "camera_capture");
+  log.subscribe(4, "sensor_combined");
   std::size_t next = 0;
   for (int i = 0; flight.begin_s + i * 0.1 <= flight.end_s; ++i) {
     const double t = flight.begin_s + i * 0.1;
     const auto us = static_cast<std::uint64_t>(std::llround(t * 1e6));
+    write_inertial(flight, t, [&](const Bytes& values) { log.data(4, values); });
     const Attitude a = flight.attitude_at(t);
     const double cy = std::cos(a.heading_rad / 2), sy = std::sin(a.heading_rad / 2), cp = std::cos(a.pitch_rad / 2),
                  sp = std::sin(a.pitch_rad / 2), cr = std::cos(a.roll_rad / 2), sr = std::sin(a.roll_rad / 2);

@@ -15,8 +15,11 @@ namespace nadir::test {
 struct SampleFlight {
   double begin_s = 100, end_s = 220;  // since boot
   double unix_from_boot_s = 1'782'000'000;
+  int inertial_hz = 0;  // samples of gyroscopes and accelerometers in the logs of the autopilots
   double height_at(double time_s) const { return 100 + 0.1 * (time_s - begin_s); }
   Attitude attitude_at(double time_s) const;
+  // As the gyroscopes of an aircraft have it: forward, right, down.
+  Eigen::Vector3d rate_at(double time_s) const;
   double lon_at(double time_s) const { return 8.5 + 1e-4 * (time_s - begin_s); }
   double lat_at(double time_s) const { return 47.4 + 5e-5 * (time_s - begin_s); }
 };

@@ -40,7 +40,7 @@ ALLOWED = {
     "map_page": "imagery http",
     "verify_request": "base package cli",
     "nadird_client": "base geodesy http cli",
-    "flight_import": "base geodesy imagery vision mavlink replay camera",
+    "flight_import": "base geodesy imagery vision estimation mavlink replay camera",
     "desk": "base geodesy imagery package vision estimation adjustment flight_import flights flight_adjustment replay http cli report map_page raster planning",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
