@@ -76,6 +76,14 @@ The plug-in with which nadird reads any camera that GStreamer reads, with
 the times at which its driver stamped the frames.")
 endif()
 
+if(TARGET nadir_network_onnxruntime)
+  nadir_package(nadir-network-onnxruntime SECTION science DEPENDS "nadird (= ${PROJECT_VERSION}-1) | nadir (= ${PROJECT_VERSION}-1)" SUGGESTS "libonnxruntime1.21"
+    DESCRIPTION "position for a fixed-wing UAV when GPS is denied (second matcher)
+The plug-in with which nadird and nadir run the network of a second
+matcher. It loads libonnxruntime.so.1, which Debian 12 does not have, and
+the model that the airframe file names, which is no part of it.")
+endif()
+
 nadir_package(nadir-candidates SECTION science DEPENDS "adduser" SUGGESTS "nadir-doc"
   SCRIPTS conffiles postinst prerm postrm
   DESCRIPTION "service that promotes map tiles on which flights agree

@@ -125,6 +125,11 @@ image nadird
 say "image of nadird: $(du -sxm "$root" | cut -f1) MiB"
 image nadir
 [[ $(inside nadir --version) == nadir* ]] || fail "the image of nadir does not run"
+for plugin in "$packages"/nadir-network-onnxruntime_*.deb; do
+  [[ -e $plugin ]] || continue
+  apt install "/packages/${plugin##*/}"
+  inside ldd /usr/lib/nadir/nadir_network_onnxruntime.so | grep 'not found' && fail "the plug-in of networks lacks a library"
+done
 say "image of nadir: $(du -sxm "$root" | cut -f1) MiB"
 
 # --- planner and aircraft together: a package is built, signed, and accepted by nadird --check ----------------------------

@@ -19,7 +19,8 @@ import sys
 import tempfile
 
 TARGETS = {"nadir": "bin/nadir", "nadird": "bin/nadird", "nadir-candidates": "bin/nadir-candidates",
-           "nadird-camera-video": "bin/nadir_camera_video.so", "nadird-camera-gstreamer": "bin/nadir_camera_gstreamer.so"}
+           "nadird-camera-video": "bin/nadir_camera_video.so", "nadird-camera-gstreamer": "bin/nadir_camera_gstreamer.so",
+           "nadir-network-onnxruntime": "bin/nadir_network_onnxruntime.so"}
 
 
 MAVLINK = "(MAVLink's headers)"
