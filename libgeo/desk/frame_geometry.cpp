@@ -7,6 +7,8 @@
 #include <map>
 #include <numbers>
 
+#include "flights/picture_at_one_moment.hpp"
+
 namespace nadir {
 namespace {
 
@@ -137,7 +139,9 @@ std::variant<PlacedObject, std::string> place_of(const MarkedObject& object, con
   for (const MarkedSighting& marked : object.sightings) {
     const auto [found, fresh] = index_of.emplace(marked.frame, numbers.size());
     if (fresh) numbers.push_back(marked.frame);
-    sightings.push_back({.frame = found->second, .pixel = {marked.pixel.x, marked.pixel.y}});
+    const Eigen::Vector2d pixel =
+        pixel_at_one_moment(store, marked.frame, store.description().session.camera, {marked.pixel.x, marked.pixel.y});
+    sightings.push_back({.frame = found->second, .pixel = pixel});
   }
   std::vector<FrameView> views;
   for (const std::size_t frame : numbers) views.push_back(view_of(store, ground, frame));

@@ -15,8 +15,8 @@
 #include "desk/package_registry.hpp"
 #include "flight_adjustment/flight_adjustment.hpp"
 #include "flight_adjustment/reconstruction_files.hpp"
+#include "flights/picture_at_one_moment.hpp"
 #include "replay/replay_flight.hpp"
-#include "vision/camera_frame.hpp"
 
 namespace nadir {
 namespace {
@@ -307,21 +307,18 @@ std::string LiveFlight::diagnose(const std::stop_token& stop) const try {
   const TerrainSurface* surface = package_->surface ? &*package_->surface : nullptr;
   std::optional<double> ground_msl_m;
   if (surface != nullptr) ground_msl_m = surface->msl_m(session.start.value_or(package_->frame.origin()));
-  const StatedFlight stated{.camera = camera,
-                            .frame = package_->frame,
-                            .tiles = *tiles_,
-                            .start = session.start,
-                            .area = session.localizer.area,
-                            .surface = surface,
-                            .places = package_->places ? &*package_->places : nullptr,
-                            .ground_msl_m = ground_msl_m,
-                            .telemetry = telemetry,
-                            .read =
-                                [&](std::size_t i) {
-                                  return decode_camera_frame(store_->read_picture(i), camera.camera,
-                                                             session.picture_shrink);
-                                },
-                            .matcher = session.localizer.matcher};
+  const StatedFlight stated{
+      .camera = camera,
+      .frame = package_->frame,
+      .tiles = *tiles_,
+      .start = session.start,
+      .area = session.localizer.area,
+      .surface = surface,
+      .places = package_->places ? &*package_->places : nullptr,
+      .ground_msl_m = ground_msl_m,
+      .telemetry = telemetry,
+      .read = [&](std::size_t i) { return picture_at_one_moment(*store_, i, camera, session.picture_shrink); },
+      .matcher = session.localizer.matcher};
   const DiagnosisBudget budget{.seconds = kDiagnosis_s, .cancel = Cancel([&stop] { return stop.stop_requested(); })};
   const auto found = diagnose_no_fix(stated, budget);
   return found ? found->text : std::string();

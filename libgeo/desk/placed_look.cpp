@@ -7,8 +7,8 @@
 #include <utility>
 
 #include "estimation/map_look.hpp"
+#include "flights/picture_at_one_moment.hpp"
 #include "imagery/codecs.hpp"
-#include "vision/camera_frame.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir {
@@ -54,7 +54,9 @@ PlacedLook look_at(const FlightStore& store, const FlightGround& ground, const D
   const Telemetry telemetry = store.picture(frame).telemetry;
   const LookContext context = context_of(view, camera, view.adjusted || (telemetry.pitch_rad && telemetry.roll_rad));
   PlacedLook look;
-  const cv::Mat image = decode_camera_frame(store.read_picture(frame), camera, session.picture_shrink);
+  CameraFile reduced = session.camera;
+  reduced.camera = camera;
+  const cv::Mat image = picture_at_one_moment(store, frame, reduced, session.picture_shrink);
   if (image.empty()) {
     look.report.verdict = AnchorVerdict::frame_unfit;
     return look;

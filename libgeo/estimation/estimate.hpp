@@ -86,6 +86,12 @@ struct StateEstimate {
   double agl_sigma_m = 0;
 };
 
+// During the readout of a rolling shutter (vision/rolling_shutter.hpp).
+struct CameraMotion {
+  Eigen::Vector2d velocity_mps = Eigen::Vector2d::Zero();  // east, north
+  Eigen::Vector3d rate_rad_s = Eigen::Vector3d::Zero();    // as Telemetry::rate_rad_s; zeros: not known
+};
+
 // Where the camera was when a frame was taken, for products made of the frame itself.
 struct FramePose {
   CameraPose pose;                                          // in the map's plane
@@ -97,6 +103,7 @@ struct FramePose {
   // Or this one is so clear in ratio and agreement at once that no wrong place ever came near (docs/safety.md).
   bool confirmed = false;
   bool refined = false;  // smoothed with all later measurements
+  CameraMotion motion{};
 };
 
 // A frame after smoothing, and what vision measured of it: what an adjustment of the whole flight begins with.

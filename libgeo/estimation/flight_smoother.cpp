@@ -66,6 +66,10 @@ double contradiction_chi2(const PoseMeasurement& anchor, const FlightFilter::Smo
 
 }  // namespace
 
+CameraMotion camera_motion(const FlightFilter::State& state, const FlightStep& step) {
+  return {state.segment<2>(FlightFilter::velocity_east), step.rate_rad_s};
+}
+
 void propagate_to(FlightFilter& filter, const FlightStep& step) {
   const auto& inertial = step.inertial;
   if (filter.inertial() && !inertial.empty()) {

@@ -13,6 +13,7 @@
 #include <optional>
 #include <vector>
 
+#include "estimation/estimate.hpp"
 #include "estimation/flight_filter.hpp"
 
 namespace nadir {
@@ -25,7 +26,7 @@ struct FlightStep {
   std::optional<Eigen::Vector2d> imu_dv_mps;
   std::vector<PreintegratedMotion> inertial;  // the whole way since the last frame; empty: not measured, or not whole
   std::optional<double> inertial_refused_sigma_m;  // images contradict the inertial sensor: refuse_inertial()
-  std::optional<double> height_reset_sigma;  // of the log height: its source has changed
+  std::optional<double> height_reset_sigma;        // of the log height: its source has changed
   std::optional<RelativeMotionMeasurement> relative_motion;
   // In place of relative_motion: since the frame before the last one, which is an outlier. The filter goes on from that
   // frame; the outlier's own step leads nowhere.
@@ -41,7 +42,11 @@ struct FlightStep {
   double map_sigma_m = 0;  // with an anchor: of the tiles that it was matched with, one axis; for what is published
   bool anchor_unambiguous = false;  // clearer than any wrong place ever was: needs no corroboration by another anchor
   TelemetryReference reference;     // for poses alone
+  Eigen::Vector3d rate_rad_s = Eigen::Vector3d::Zero();  // likewise, CameraMotion's
 };
+
+// At the step's frame, whose state that is.
+CameraMotion camera_motion(const FlightFilter::State& state, const FlightStep& step);
 
 // Brings the filter to the step's frame, through its intervals.
 void propagate_to(FlightFilter& filter, const FlightStep& step);

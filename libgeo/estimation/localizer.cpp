@@ -321,6 +321,7 @@ double Localizer::Impl::predict(const Telemetry& plausible) {
     step.inertial = preintegrate_parts(plausible.inertial, plausible.time_s - seconds, plausible.time_s);
   }
   step.reference = reference;
+  step.rate_rad_s = plausible.rate_rad_s.value_or(Eigen::Vector3d::Zero());
   propagate_to(*filter, step);
   if (!telemetry.height_steady) {
     step.height_reset_sigma =
@@ -762,6 +763,7 @@ FramePose Localizer::Impl::anchor_pose(const AnchorJob& job) const {
   const bool predicted = job.context.anchored && variance_m2 <= kSharp_m * kSharp_m &&
                          job.segment == tracking.segment() && correction_m.squaredNorm() <= kChi2_999 * variance_m2;
   result.confirmed = predicted || steps[job.step].anchor_unambiguous;
+  result.motion = camera_motion(filter->state(), steps[job.step]);
   return result;
 }
 

@@ -79,6 +79,7 @@ std::vector<std::optional<FramePose>> refined_poses(const FlownFlight& flight) {
     result.source = SourceLabel::satellite_anchored;
     result.confirmed = steps[i].anchor_unambiguous || corroborated_by_another(steps, kept, i);
     result.refined = true;
+    result.motion = camera_motion(smoothed.frames[i].state, steps[i]);
   }
   return poses;
 }

@@ -9,7 +9,7 @@
 
 #include "adjustment/adjustment_parameters.hpp"
 #include "base/error.hpp"
-#include "vision/camera_frame.hpp"
+#include "flights/picture_at_one_moment.hpp"
 
 namespace nadir {
 namespace {
@@ -289,10 +289,11 @@ FlightToAdjust flight_to_adjust(const FlightStore& store, FlightEngine& engine, 
     if (fix.withdrawn || !fix.frame || !fix.pixel || *fix.frame >= flight.refined.size()) continue;
     // Centres of pixels are whole numbers, so that sizes scale about (-0.5, -0.5).
     const Eigen::Vector2d pixel((fix.pixel->x + 0.5) * scale - 0.5, (fix.pixel->y + 0.5) * scale - 0.5);
-    flight.fixes.push_back({*fix.frame, pixel, setup.frame.plane_from_lonlat(fix.place), fix.sigma_m});
+    flight.fixes.push_back({*fix.frame, pixel_at_one_moment(store, *fix.frame, camera, pixel),
+                            setup.frame.plane_from_lonlat(fix.place), fix.sigma_m});
   }
-  flight.image_of = [&store, camera = camera.camera, shrink = setup.shrink](std::size_t frame) {
-    return decode_camera_frame(store.read_picture(frame), camera, shrink);
+  flight.image_of = [&store, camera, shrink = setup.shrink](std::size_t frame) {
+    return picture_at_one_moment(store, frame, camera, shrink);
   };
   return flight;
 }

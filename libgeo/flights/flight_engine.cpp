@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/error.hpp"
+#include "flights/picture_at_one_moment.hpp"
 #include "flights/recorded_vision.hpp"
 #include "flights/shared_ground.hpp"
 #include "imagery/codecs.hpp"
@@ -196,12 +197,13 @@ bool FlightEngine::place_segments(SegmentPlacer::Scope scope, double seconds, co
   Impl& s = *impl_;
   if (s.setup.tiles == nullptr) return false;
   if (!s.placer) {
-    const PlacerSetup setup{.camera = s.camera,
-                            .frame = s.setup.frame,
-                            .tiles = *s.setup.tiles,
-                            .localizer = s.setup.localizer,
-                            .read = [&s](std::size_t frame) { return s.decode(s.store.read_picture(frame)); },
-                            .clock = s.options.clock};
+    const PlacerSetup setup{
+        .camera = s.camera,
+        .frame = s.setup.frame,
+        .tiles = *s.setup.tiles,
+        .localizer = s.setup.localizer,
+        .read = [&s](std::size_t frame) { return picture_at_one_moment(s.store, frame, s.camera, s.setup.shrink); },
+        .clock = s.options.clock};
     s.placer = std::make_unique<SegmentPlacer>(s.store, setup);
     s.shared_ground = std::make_unique<SharedGround>(s.store, setup);
   }

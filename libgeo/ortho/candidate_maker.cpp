@@ -12,6 +12,7 @@
 #include "imagery/frame_image.hpp"
 #include "ortho/candidate_sidecar.hpp"
 #include "ortho/image_blur.hpp"
+#include "vision/rolling_shutter.hpp"
 
 namespace nadir {
 namespace {
@@ -105,7 +106,7 @@ std::optional<CandidateMaker::PreparedFrame> CandidateMaker::prepare(const Posed
   report.refusal = eligibility.refusal;
   if (report.refusal) return std::nullopt;
   const int shrink = decoding_shrink(seen_with_, pose.agl_m, tile_gsd_m);
-  const cv::Mat picture = decoded(encoded, flight_.camera, shrink, seen.name);
+  cv::Mat picture = decoded(encoded, flight_.camera, shrink, seen.name);
   report.refusal = OrthoRefusal::frame_unfit;
   if (picture.empty()) return std::nullopt;
   cv::Mat grey;
@@ -113,6 +114,11 @@ std::optional<CandidateMaker::PreparedFrame> CandidateMaker::prepare(const Posed
   const FrameQuality quality = measure_frame_quality(grey);
   report.refusal = check_image_eligible(quality, flight_.limits);
   if (report.refusal) return std::nullopt;
+  if (flight_.readout) {
+    const CameraMotion& motion = seen.pose.motion;
+    picture = without_rolling_shutter(picture, seen_with_.scaled(1.0 / shrink), *flight_.readout,
+                                      {pose.attitude, pose.agl_m, motion.velocity_mps, motion.rate_rad_s});
+  }
   PreparedFrame frame{reduce_frame(picture, seen_with_.scaled(1.0 / shrink), pose.agl_m, tile_gsd_m),
                       sidecar_of(seen, eligibility.trust), tile_gsd_m};
   cv::cvtColor(frame.reduced.image, grey, cv::COLOR_BGR2GRAY);

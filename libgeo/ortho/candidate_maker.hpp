@@ -25,10 +25,11 @@ namespace nadir {
 struct CandidateFlight {
   std::string airframe;
   std::string flight;
-  Sha256 base_package;                 // of its manifest.json
-  CameraModel camera;                  // of the images at full size; sidecars name it
-  std::optional<AdjustedLens> lens{};  // that the poses belong to; nothing: the camera's nominal one
-  LocalFrame frame;                    // the plane of the poses
+  Sha256 base_package;                     // of its manifest.json
+  CameraModel camera;                      // of the images at full size; sidecars name it
+  std::optional<SensorReadout> readout{};  // a rolling shutter, which is undone by the pose's motion
+  std::optional<AdjustedLens> lens{};      // that the poses belong to; nothing: the camera's nominal one
+  LocalFrame frame;                        // the plane of the poses
   const GroundSurface* surface = nullptr;
   const PrivateKey* key = nullptr;  // the airframe's tile key
   int zoom = 0;                     // the mission's finest

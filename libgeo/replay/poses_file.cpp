@@ -47,18 +47,22 @@ std::string poses_json(const PosesDocument& document) {
   json poses = json::array();
   for (const auto& [index, frame, estimate] : document.poses) {
     const CameraPose& pose = estimate.pose;
-    poses.push_back({{"index", index},
-                     {"frame", frame},
-                     {"east_m", pose.position.east_m},
-                     {"north_m", pose.position.north_m},
-                     {"agl_m", pose.agl_m},
-                     {"heading_rad", pose.attitude.heading_rad},
-                     {"pitch_rad", pose.attitude.pitch_rad},
-                     {"roll_rad", pose.attitude.roll_rad},
-                     {"cov_ee_m2", estimate.covariance_m2(0, 0)},
-                     {"cov_en_m2", estimate.covariance_m2(0, 1)},
-                     {"cov_nn_m2", estimate.covariance_m2(1, 1)},
-                     {"confirmed", estimate.confirmed}});
+    poses.push_back(
+        {{"index", index},
+         {"frame", frame},
+         {"east_m", pose.position.east_m},
+         {"north_m", pose.position.north_m},
+         {"agl_m", pose.agl_m},
+         {"heading_rad", pose.attitude.heading_rad},
+         {"pitch_rad", pose.attitude.pitch_rad},
+         {"roll_rad", pose.attitude.roll_rad},
+         {"cov_ee_m2", estimate.covariance_m2(0, 0)},
+         {"cov_en_m2", estimate.covariance_m2(0, 1)},
+         {"cov_nn_m2", estimate.covariance_m2(1, 1)},
+         {"confirmed", estimate.confirmed},
+         {"velocity_mps", {estimate.motion.velocity_mps.x(), estimate.motion.velocity_mps.y()}},
+         {"rate_rad_s",
+          {estimate.motion.rate_rad_s.x(), estimate.motion.rate_rad_s.y(), estimate.motion.rate_rad_s.z()}}});
   }
   json lens;
   if (document.lens) lens = {{"log_focal", document.lens->log_focal}, {"distortion", document.lens->distortion}};
@@ -94,6 +98,7 @@ namespace {
 
 constexpr double kMaxEast_m = 1e6;  // and north, from the plane's origin
 constexpr double kMaxAgl_m = 1e5;
+constexpr double kMaxSpeed_mps = 1e4, kMaxRate_rad_s = 100;
 constexpr double kMaxVariance_m2 = 1e9;  // (31 km)²
 constexpr double kMaxHeading_rad = 1e4;  // headings are not wrapped
 constexpr std::int64_t kMaxFrames = 1'000'000'000;
@@ -145,6 +150,16 @@ FramePose read_pose(const JsonReader& in) {
   result.sigma_m = std::sqrt(0.5 * result.covariance_m2.trace());
   result.source = SourceLabel::satellite_anchored;
   result.confirmed = in.boolean("confirmed");
+  const JsonReader velocity = in.array("velocity_mps", {.least = 2, .most = 2});
+  const JsonReader rate = in.array("rate_rad_s", {.least = 3, .most = 3});
+  for (int i = 0; i < 2; ++i) {
+    result.motion.velocity_mps[i] = velocity.number(static_cast<std::size_t>(i), -kMaxSpeed_mps, kMaxSpeed_mps);
+  }
+  for (int i = 0; i < 3; ++i) {
+    result.motion.rate_rad_s[i] = rate.number(static_cast<std::size_t>(i), -kMaxRate_rad_s, kMaxRate_rad_s);
+  }
+  velocity.finish();
+  rate.finish();
   result.refined = true;
   return result;
 }
@@ -152,7 +167,7 @@ FramePose read_pose(const JsonReader& in) {
 }  // namespace
 
 PosesDocument parse_poses(std::string_view bytes, std::string_view name) {
-  const json whole = parse_json(bytes, name, {.max_depth = 4, .allow_floats = true});
+  const json whole = parse_json(bytes, name, {.max_depth = 5, .allow_floats = true});
   const JsonReader in(whole, {.name = std::string(name),
                               .what = "cannot accept these poses",
                               .fix = "create the file again with nadir replay"});

@@ -21,7 +21,7 @@
 namespace nadir {
 
 inline constexpr std::string_view kPosesFile = "poses.json";
-inline constexpr std::string_view kPosesSchema = "nadir.poses/2";
+inline constexpr std::string_view kPosesSchema = "nadir.poses/3";
 
 struct PosesSubject {
   std::string flight;    // id_of() its telemetry

@@ -31,6 +31,12 @@ struct ShutterMotion {
 cv::Mat without_rolling_shutter(const cv::Mat& image, const CameraModel& camera, const SensorReadout& readout,
                                 const ShutterMotion& motion);
 
+// Where the image as it was read shows what the other shows at a pixel, and the inverse of that.
+Eigen::Vector2d pixel_as_read(const Eigen::Vector2d& at_one_moment, const CameraModel& camera,
+                              const SensorReadout& readout, const ShutterMotion& motion);
+Eigen::Vector2d pixel_at_one_moment(const Eigen::Vector2d& as_read, const CameraModel& camera,
+                                    const SensorReadout& readout, const ShutterMotion& motion);
+
 // How long after the middle line a pixel's line was exposed.
 double seconds_after_middle(const CameraModel& camera, const SensorReadout& readout, const Eigen::Vector2d& pixel);
 

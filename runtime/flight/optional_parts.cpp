@@ -150,6 +150,7 @@ void OptionalParts::start_tiles() {
                                                .flight = fmt::format("{:x}", clock_.unix_us()),
                                                .base_package = sha256_file(setup_.map->folder() / kManifestFile),
                                                .camera = setup_.airframe.camera.camera,
+                                               .readout = setup_.airframe.camera.readout,
                                                .frame = setup_.map->frame(),
                                                .surface = config.surface,
                                                .zoom = setup_.map->package().mission().zoom.max},

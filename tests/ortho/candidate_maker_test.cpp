@@ -89,6 +89,48 @@ TEST_F(Making, MakesNoTilesFromABlurredFrame) {
   EXPECT_GT(store.tiles(), 0U);
 }
 
+// Line after line, each from where the camera is then.
+TEST_F(Making, TilesOfARollingShutterAreThoseOfAGlobalOne) {
+  constexpr double kReadout_s = 0.03;
+  const Eigen::Vector2d velocity_mps(20, 10);
+  const auto at = [&](double seconds) {
+    CameraPose pose = seen().pose.pose;
+    pose.position = PlanePoint(pose.position.vector() + velocity_mps * seconds);
+    pose.attitude.heading_rad += radians(40) * seconds;
+    pose.attitude.pitch_rad -= radians(30) * seconds;
+    pose.attitude.roll_rad += radians(60) * seconds;
+    return pose;
+  };
+  cv::Mat grey(camera_.height, camera_.width, CV_8UC1), colour;
+  for (int y = 0; y < grey.rows; ++y) {
+    const CameraPose then = at(((y + 0.5) / grey.rows - 0.5) * kReadout_s);
+    for (int x = 0; x < grey.cols; ++x) {
+      grey.at<std::uint8_t>(y, x) =
+          cv::saturate_cast<std::uint8_t>(test::waves(test::seen_by_pixel(camera_, then, x, y)));
+    }
+  }
+  cv::cvtColor(grey, colour, cv::COLOR_GRAY2BGR);
+  const Bytes as_read = encode_image(colour, ImageFormat::jpeg, 95), global = photograph(seen());
+  PosedFrame passing = seen();
+  passing.pose.motion = {velocity_mps, camera_rate(at(-1e-4).attitude, at(1e-4).attitude, 2e-4)};
+  CandidateFlight rolling = flight();
+  rolling.readout = SensorReadout{kReadout_s};
+  const auto tiles = [&](const CandidateFlight& made_of, const Bytes& picture) {
+    FrameTiles report;
+    return CandidateMaker(made_of).raw_tiles(passing, picture, report);
+  };
+  const auto wanted = tiles(flight(), global), undone = tiles(rolling, as_read), distorted = tiles(flight(), as_read);
+  ASSERT_EQ(undone.size(), wanted.size());
+  ASSERT_GE(wanted.size(), 6U);
+  double before = 0, after = 0;  // grey levels
+  for (std::size_t i = 0; i < wanted.size(); ++i) {
+    const double values = 3.0 * static_cast<double>(wanted[i].image.total() * wanted.size());
+    before += cv::norm(distorted[i].image, wanted[i].image, cv::NORM_L1) / values;
+    after += cv::norm(undone[i].image, wanted[i].image, cv::NORM_L1) / values;
+  }
+  EXPECT_GT(before, 4 * after) << before << " as read, " << after << " undone";
+}
+
 TEST_F(Making, MakesGeoreferencedTiles) {
   CandidateStore store(folder_ / "candidates");
   CandidateMaker maker(flight());

@@ -40,6 +40,7 @@ FramePose odd_pose() {
   said.sigma_m = std::sqrt(0.5 * said.covariance_m2.trace());
   said.source = SourceLabel::satellite_anchored;
   said.confirmed = said.refined = true;
+  said.motion = {{12.0 / 7.0, -1e-300}, {0.1 + 0.2, -1.0 / 3.0, 5e-17}};
   return said;
 }
 
@@ -48,7 +49,9 @@ std::vector<std::uint64_t> bits_of(const FramePose& said) {
   for (const double value :
        {said.pose.position.east_m, said.pose.position.north_m, said.pose.agl_m, said.pose.attitude.heading_rad,
         said.pose.attitude.pitch_rad, said.pose.attitude.roll_rad, said.covariance_m2(0, 0), said.covariance_m2(0, 1),
-        said.covariance_m2(1, 0), said.covariance_m2(1, 1), said.sigma_m, said.anchor_age_s}) {
+        said.covariance_m2(1, 0), said.covariance_m2(1, 1), said.sigma_m, said.anchor_age_s,
+        said.motion.velocity_mps.x(), said.motion.velocity_mps.y(), said.motion.rate_rad_s.x(),
+        said.motion.rate_rad_s.y(), said.motion.rate_rad_s.z()}) {
     bits.push_back(std::bit_cast<std::uint64_t>(value));
   }
   return bits;
@@ -150,7 +153,7 @@ TEST_F(PosesFile, BelongsToOneFlightMapAndCamera) {
 TEST_F(PosesFile, RejectsInvalidPoses) {
   EXPECT_EQ(changed("confirmed", true), "") << "unchanged";
   for (const char* member : {"east_m", "north_m", "agl_m", "heading_rad", "pitch_rad", "roll_rad", "cov_ee_m2",
-                             "cov_en_m2", "cov_nn_m2", "index", "frame", "confirmed"}) {
+                             "cov_en_m2", "cov_nn_m2", "index", "frame", "confirmed", "velocity_mps", "rate_rad_s"}) {
     EXPECT_THAT(changed(member, nullptr), HasSubstr(std::string("a member \"") + member)) << member;
     EXPECT_THAT(changed(member, nlohmann::json::array()), HasSubstr(std::string("/poses/0/") + member));
     EXPECT_THAT(changed(member, 1e300), HasSubstr(std::string("/poses/0/") + member));
@@ -175,7 +178,7 @@ TEST_F(PosesFile, RejectsTruncatedOrInvalidDocuments) {
     EXPECT_THAT(complaint(bytes), HasSubstr("poses.json")) << bytes;
   }
   std::string other = whole;
-  other.replace(other.find("nadir.poses/2"), 13, "nadir.poses/1");
+  other.replace(other.find("nadir.poses/3"), 13, "nadir.poses/2");
   EXPECT_THAT(complaint(other), HasSubstr("nadir.poses/2"));
   EXPECT_THROW(read_poses(folder_ / "none.json", subject(), frames_of_flight()), Error);
 }

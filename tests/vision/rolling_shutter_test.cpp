@@ -88,6 +88,16 @@ TEST(RollingShutter, TheTurnIsUndoneWithoutAHeightAndAbovTheHorizon) {
   EXPECT_EQ(without_rolling_shutter(rolled, camera, readout, motion).size(), rolled.size());
 }
 
+TEST(RollingShutter, PixelsGoThereAndBack) {
+  const Passing passing;
+  const SensorReadout readout{0.03};
+  for (const CameraModel& camera : {test::small_camera(), test::bent_camera()}) {
+    const Eigen::Vector2d pixel(200, 30), read = pixel_as_read(pixel, camera, readout, passing.motion());
+    EXPECT_GT((read - pixel).norm(), 1);
+    EXPECT_LT((pixel_at_one_moment(read, camera, readout, passing.motion()) - pixel).norm(), 0.02);
+  }
+}
+
 TEST(RollingShutter, ACameraAtRestSeesTheSame) {
   const CameraModel camera = test::small_camera();
   const cv::Mat image = test::photograph(test::waves, camera, {});

@@ -319,6 +319,7 @@ int OrthoCommand::run(Context& context) {
                         .flight = flight_.value_or(id_of(flight)),
                         .base_package = sha256_file(*request_.package() / "manifest.json"),
                         .camera = flight.camera.camera,
+                        .readout = flight.camera.readout,
                         .lens = lens,
                         .frame = ready->setup->frame,
                         .surface = surface,
