@@ -15,6 +15,7 @@
 #include "package_build/shard_plan.hpp"
 #include "raster/gdal_drivers.hpp"
 #include "raster/imagery_input.hpp"
+#include "raster/stac.hpp"
 #include "replay/flight_folder.hpp"
 #include "replay/inertial_file.hpp"
 #include "replay/poses_file.hpp"
@@ -29,6 +30,22 @@ void stac_item(std::string_view bytes) {
     require(facts.gsd_m > 0 && std::isfinite(facts.gsd_m), "a resolution that is none");
     require(facts.ce90_m > 0 && std::isfinite(facts.ce90_m), "an accuracy that is none");
     require(parse_utc(to_rfc3339(facts.captured_at)) == facts.captured_at, "a date changes when it is written");
+  });
+}
+
+// What is accepted is written as a list that says the same. No document lies behind its links but itself.
+void stac_list(std::string_view bytes) {
+  const std::string first = scratch_file("list.json", bytes).string();
+  const std::string second = (scratch_folder() / "again.json").string();
+  refusing([&] {
+    const std::vector<StacAsset> assets = read_stac(first);
+    const std::string text = stac_list_json(assets);
+    scratch_file("again.json", text);
+    const std::vector<StacAsset> again = read_stac(second);
+    require(again.size() == assets.size() && stac_list_json(again) == text, "a list changes when it is written");
+    for (std::size_t i = 0; i < assets.size(); ++i) {
+      require(again[i].href == assets[i].href && again[i].pin == assets[i].pin, "another object");
+    }
   });
 }
 

@@ -40,6 +40,7 @@ const std::vector<Target>& targets() {
                                        {"vrt", fuzz::vrt},
                                        {"numpy_array", fuzz::numpy_array},
                                        {"stac_item", fuzz::stac_item},
+                                       {"stac_list", fuzz::stac_list},
                                        {"kml", fuzz::kml},
                                        {"geojson", fuzz::geojson},
                                        {"plan", fuzz::plan},

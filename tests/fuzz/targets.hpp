@@ -23,6 +23,7 @@ void candidate(std::string_view bytes);       // a candidate tile's sidecar
 void candidate_rows(std::string_view bytes);  // rows of a store of candidates, in any types
 
 void stac_item(std::string_view bytes);
+void stac_list(std::string_view bytes);  // of imagery, with pinned objects
 void kml(std::string_view bytes);
 void geojson(std::string_view bytes);
 void plan(std::string_view bytes);       // of QGroundControl
