@@ -128,10 +128,11 @@ void PinnedObject::require_sound() const {
   if (failure_) std::rethrow_exception(failure_);
 }
 
-void PinnedObject::read_at(std::uint64_t at, std::span<std::uint8_t> target) {
+template <typename Work>
+void PinnedObject::remembering_failure(const Work& work) {
   require_sound();
   try {
-    read_blocks(at, target);
+    work();
   } catch (...) {
     const std::lock_guard lock(mutex_);
     if (!failure_) failure_ = std::current_exception();
@@ -139,35 +140,45 @@ void PinnedObject::read_at(std::uint64_t at, std::span<std::uint8_t> target) {
   }
 }
 
-void PinnedObject::read_blocks(std::uint64_t at, std::span<std::uint8_t> target) {
+void PinnedObject::read_at(std::uint64_t at, std::span<std::uint8_t> target) {
+  remembering_failure([&] {
+    const std::uint64_t end = at + target.size();
+    for (std::uint64_t next = at; next < end;) {
+      const std::uint64_t number = next / pin_.block_bytes, inside = next % pin_.block_bytes;
+      const auto bytes = block(number, (end - 1) / pin_.block_bytes);
+      const std::uint64_t count = std::min<std::uint64_t>(bytes->size() - inside, end - next);
+      std::copy_n(bytes->begin() + static_cast<std::ptrdiff_t>(inside), count,
+                  target.begin() + static_cast<std::ptrdiff_t>(next - at));
+      next += count;
+    }
+  });
+}
+
+void PinnedObject::prefetch(std::uint64_t at, std::uint64_t size) {
+  if (size == 0) return;
+  remembering_failure([&] {
+    const std::uint64_t last = (at + size - 1) / pin_.block_bytes;
+    for (std::uint64_t number = at / pin_.block_bytes; number <= last; ++number) block(number, last);
+  });
+}
+
+// last: those up to this one will be wanted as well.
+std::shared_ptr<const Bytes> PinnedObject::block(std::uint64_t number, std::uint64_t last) {
   BlockCache::State& cache = *cache_->state_;
-  const std::uint64_t end = at + target.size();
-  std::uint64_t copied_to = at;
-  while (copied_to < end) {
-    const std::uint64_t number = copied_to / pin_.block_bytes;
-    BlockCache::State::Block block;
-    std::uint64_t last = number;  // of the blocks that this thread shall fetch
+  for (;;) {
+    std::uint64_t end = number;  // of what this thread fetches
     {
       std::unique_lock lock(cache.mutex);
       cache.fetched.wait(lock, [&] { return !cache.under_way.contains({this, number}); });
-      block = cache.find({this, number});
-      if (!block) {
-        const std::uint64_t wanted =
-            std::min((end - 1) / pin_.block_bytes, number + kRequest_bytes / pin_.block_bytes - 1);
-        while (last < wanted && !cache.under_way.contains({this, last + 1}) && !cache.blocks.contains({this, last + 1}))
-          ++last;
-        for (std::uint64_t i = number; i <= last; ++i) cache.under_way.insert({this, i});
-      }
+      if (auto block = cache.find({this, number})) return block;
+      const std::uint64_t most = std::min(last, number + kRequest_bytes / pin_.block_bytes - 1);
+      const auto missing = [&](std::uint64_t i) {
+        return !cache.under_way.contains({this, i}) && !cache.blocks.contains({this, i});
+      };
+      while (end < most && missing(end + 1)) ++end;
+      for (std::uint64_t i = number; i <= end; ++i) cache.under_way.insert({this, i});
     }
-    if (!block) {
-      fetch(number, last);
-      continue;
-    }
-    const std::uint64_t inside = copied_to - number * pin_.block_bytes;
-    const std::uint64_t count = std::min<std::uint64_t>(block->size() - inside, end - copied_to);
-    std::copy_n(block->begin() + static_cast<std::ptrdiff_t>(inside), count,
-                target.begin() + static_cast<std::ptrdiff_t>(copied_to - at));
-    copied_to += count;
+    fetch(number, end);
   }
 }
 

@@ -12,6 +12,8 @@
 #include <map>
 #include <mutex>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 #include "base/error.hpp"
 #include "raster/gdal_dataset.hpp"
@@ -90,9 +92,26 @@ std::size_t read_object(void* handle, void* target, std::size_t size, std::size_
   return static_cast<std::size_t>(there / size);
 }
 
-// As GDAL calls it when it reads many tiles at once: the spans between them are not wanted.
+// As GDAL calls it when it reads many tiles at once: those of a row lie one after the other, and are fetched together.
 int read_ranges(void* handle, int count, void** targets, const vsi_l_offset* offsets, const std::size_t* sizes) {
   auto& file = *static_cast<OpenFile*>(handle);
+  const ObjectPin& pin = file.object.pin();
+  std::vector<std::pair<std::uint64_t, std::uint64_t>> spans;  // begin, end
+  for (int i = 0; i < count; ++i) {
+    if (offsets[i] < pin.bytes)
+      spans.emplace_back(offsets[i], std::min<std::uint64_t>(offsets[i] + sizes[i], pin.bytes));
+  }
+  std::sort(spans.begin(), spans.end());
+  try {
+    for (std::size_t i = 0; i < spans.size();) {
+      auto [begin, end] = spans[i++];
+      while (i < spans.size() && spans[i].first <= end + pin.block_bytes) end = std::max(end, spans[i++].second);
+      file.object.prefetch(begin, end - begin);
+    }
+  } catch (const std::exception& error) {  // nothing may be thrown through GDAL
+    CPLError(CE_Failure, CPLE_FileIO, "%s", error.what());
+    return -1;
+  }
   for (int i = 0; i < count; ++i) {
     file.at = offsets[i];
     if (read_object(handle, targets[i], 1, sizes[i]) != sizes[i]) return -1;

@@ -48,9 +48,9 @@ class CachePinCommand final : public Command {
 
 std::string_view CachePinCommand::details() const {
   return R"(Reads every object once and writes a STAC ItemCollection to standard output: the items, each with its
-imagery's size, SHA-256, and the digests of its blocks of 1 MiB. `cache build --imagery LIST.json`, and
-the commands that take --imagery as it does, then read of the objects what they need, and verify every
-block. The package is the one that copies of the files on this machine would give.
+imagery's size, SHA-256, and the digests of its blocks of 256 KiB. `cache build --imagery LIST.json`,
+and the commands that take --imagery as it does, then read of the objects what they need, and verify
+every block. The package is the one that copies of the files on this machine would give.
 
 A SOURCE is the URL of a raster (s3://BUCKET/KEY, gs://, az://, https://, http://), a raster on this
 machine, or a STAC Item, ItemCollection, Collection or Catalog (.json, .geojson), here or there. What
