@@ -11,6 +11,7 @@
 #include "object_storage/object_address.hpp"
 #include "raster/gdal_drivers.hpp"
 #include "raster/pinned_files.hpp"
+#include "raster/zarr_raster.hpp"
 
 namespace nadir {
 namespace {
@@ -178,6 +179,7 @@ GdalHandle open_gdal_raster(const std::filesystem::path& path) {
   register_gdal_drivers();
   if (const PinnedObject* object = mounted_object(path)) return open_object(*object);
   if (is_remote_name(path.string())) reject_remote(path, path.string());
+  if (is_zarr(path)) return open_zarr(path);
   if (!std::filesystem::is_regular_file(path)) {
     throw Error({.what = std::filesystem::exists(path) ? "the raster is not a file" : "the raster does not exist",
                  .where = path.string(),
@@ -198,6 +200,7 @@ GdalHandle open_gdal_raster(const std::filesystem::path& path) {
 
 std::vector<std::filesystem::path> files_of_raster(const std::filesystem::path& path) {
   if (mounted_object(path) != nullptr) return {path};
+  if (is_zarr(path)) return files_of_zarr(path);
   const GdalHandle dataset = open_gdal_raster(path);
   return list_files(path, *dataset, kMaxVrtDepth);
 }

@@ -20,7 +20,7 @@
 #include "base/printable.hpp"
 #include "object_storage/object_address.hpp"
 #include "raster/gdal_dataset.hpp"
-#include "raster/pmtiles_dataset.hpp"
+#include "raster/tile_set_dataset.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
@@ -48,7 +48,9 @@ constexpr std::array kRasterFormats{ReadableFormat{"GTiff", "GeoTIFF"},
                                     ReadableFormat{"NITF", "NITF"},
                                     ReadableFormat{"GPKG", "GeoPackage"},
                                     ReadableFormat{"MBTiles", "MBTiles"},
-                                    ReadableFormat{"NadirPMTiles", "PMTiles"}};
+                                    ReadableFormat{"NadirPMTiles", "PMTiles"},
+                                    ReadableFormat{"NadirTPKX", "Esri tile packages"},
+                                    ReadableFormat{"Zarr", "Zarr"}};
 constexpr std::array kVectorFormats{ReadableFormat{"GeoJSON", "GeoJSON"},
                                     ReadableFormat{"GeoJSONSeq", "GeoJSON lines"},
                                     ReadableFormat{"LIBKML", "KML"},
@@ -138,7 +140,7 @@ void register_gdal_drivers() {
   static std::once_flag once;
   std::call_once(once, [] {
     GDALAllRegister();
-    register_pmtiles_driver();
+    register_tile_set_drivers();
     GDALDriverManager& drivers = *GetGDALDriverManager();
     for (int i = 0; i < drivers.GetDriverCount(); ++i) {
       GDALDriver& driver = *drivers.GetDriver(i);

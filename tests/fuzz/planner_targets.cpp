@@ -16,6 +16,7 @@
 #include "raster/gdal_drivers.hpp"
 #include "raster/imagery_input.hpp"
 #include "raster/stac.hpp"
+#include "raster/tile_package.hpp"
 #include "replay/flight_folder.hpp"
 #include "replay/inertial_file.hpp"
 #include "replay/poses_file.hpp"
@@ -103,6 +104,18 @@ void metatile(std::string_view bytes) {
 void vrt(std::string_view bytes) {
   const std::filesystem::path file = scratch_file("map.vrt", bytes);
   refusing([&] { refuse_remote_raster(file); });
+}
+
+// Every tile of the list is there, and of its size.
+void tile_package(std::string_view bytes) {
+  const InputFile file(scratch_file("map.tpkx", bytes));
+  refusing([&] {
+    const TilePackageReader package(file);
+    const std::vector<TileKey> keys = package.keys();
+    require(!keys.empty(), "a package without tiles");
+    for (const TileKey& key : keys)
+      refusing([&] { require(package.read(key).has_value(), "a tile is listed and missing"); });
+  });
 }
 
 // What is accepted lies inside the file: its values can be read, one by one as well.

@@ -38,6 +38,7 @@ const std::vector<Target>& targets() {
                                        {"matchability", fuzz::matchability},
                                        {"vectors", fuzz::vectors},
                                        {"vrt", fuzz::vrt},
+                                       {"tile_package", fuzz::tile_package},
                                        {"numpy_array", fuzz::numpy_array},
                                        {"stac_item", fuzz::stac_item},
                                        {"stac_list", fuzz::stac_list},

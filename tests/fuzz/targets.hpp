@@ -34,8 +34,9 @@ void inertial(std::string_view bytes);  // imu.csv, and its samples preintegrate
 void poses(std::string_view bytes);
 void terrain(std::string_view bytes);
 void matchability(std::string_view bytes);
-void vectors(std::string_view bytes);  // roads, water, woods and buildings of a package
-void vrt(std::string_view bytes);      // and what it names, before GDAL sees it
+void vectors(std::string_view bytes);       // roads, water, woods and buildings of a package
+void tile_package(std::string_view bytes);  // of Esri, .tpkx
+void vrt(std::string_view bytes);           // and what it names, before GDAL sees it
 void numpy_array(std::string_view bytes);
 void picture(std::string_view bytes);  // JPEG, PNG, WebP, TIFF
 void onnx(std::string_view bytes);     // the description of a descriptor network
