@@ -2,6 +2,7 @@
 specification; whole, and cut short. Formats that lose nothing give the same package, tile for tile, as the GeoTIFF does.
 docs/package.md has the table of what works; what it says does not work is tried here too."""
 import json
+import math
 import pathlib
 import shutil
 import sqlite3
@@ -15,10 +16,15 @@ import zipfile
 from pmtiles.tile import Compression, TileType, zxy_to_tileid
 from pmtiles.writer import Writer
 
+from cadrg import Frame
 from tile_sets import ACROSS, TileSets, corners, gdal
 
 NADIR = sys.argv[1]
 FACTS = ["--captured", "2024-10-01", "--gsd-m", "0.9", "--provider", "surveyor", "--licence", "CC-BY-4.0", "--attribution", "© surveyor"]
+
+
+def mercator_latitude(y_m):
+    return math.degrees(2 * math.atan(math.exp(y_m / 6378137)) - math.pi / 2)
 
 
 class ImageryFormats(unittest.TestCase):
@@ -290,6 +296,24 @@ class ImageryFormats(unittest.TestCase):
         self.assertEqual(1, code, said)
         self.assertIn("imagery.coarse_place", [f["code"] for f in result["findings"] if f["severity"] == "refuse"])
         self.assertEqual(0, self.build(coarse, ce90_m=20)[0])
+
+    def test_cadrg(self):
+        west, north, east, south = (math.degrees(corners()[0] / 6378137), mercator_latitude(corners()[1]), math.degrees(corners()[2] / 6378137),
+                                    mercator_latitude(corners()[3]))
+        frame = Frame(west, north, east, south)
+        cadrg = self.folder / "00000000.jn1"
+        cadrg.write_bytes(frame.nitf())
+        (self.folder / "frame.ppm").write_bytes(frame.ppm())
+        plain = self.translated("frame.tif", "-a_srs", "EPSG:4326", "-a_ullr", str(west), str(north), str(east), str(south), source=self.folder / "frame.ppm")
+        expected = self.build(plain)
+        code, _, said, package = self.build(cadrg)
+        self.assertEqual(0, code, said)
+        self.assertEqual(self.imagery_of(expected[3])["merkle_root"], self.imagery_of(package)["merkle_root"])
+        cut = self.folder / "cut.jn1"
+        cut.write_bytes(cadrg.read_bytes()[:cadrg.stat().st_size * 6 // 10])
+        code, _, said, _ = self.build(cut)
+        self.assertEqual(2, code, said)
+        self.assertIn("cut.jn1", said)
 
     def test_terrain_as_hgt_dted_and_cog_is_the_same(self):
         side = 1201  # posts of a cell of one degree, from its north-western corner, row by row
