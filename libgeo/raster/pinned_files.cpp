@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
 #include <cstdlib>
 #include <cstring>
 #include <map>
@@ -146,7 +147,7 @@ void install_file_system() {
   VSIFreeFilesystemPluginCallbacksStruct(calls);
 }
 
-std::string signed_by_gdal(const ObjectAddress& object) {
+std::string sign(const ObjectAddress& object) {
   const QuietGdal quiet;
   const char* const prefix = object.store == ObjectAddress::Store::s3   ? "/vsis3/"
                              : object.store == ObjectAddress::Store::gs ? "/vsigs/"
@@ -169,6 +170,22 @@ std::string signed_by_gdal(const ObjectAddress& object) {
     text.resize(std::min(text.size(), text.find('?')));
   }
   return text;
+}
+
+// GDAL signs for an hour, and may ask the machine's cloud for new credentials each time: a signature serves ten
+// minutes.
+std::string signed_by_gdal(const ObjectAddress& object) {
+  using Clock = std::chrono::steady_clock;
+  struct Signature {
+    std::string url;
+    Clock::time_point since;
+  };
+  static std::mutex mutex;
+  static std::map<std::string, Signature> signatures;
+  const std::lock_guard lock(mutex);
+  Signature& known = signatures[object.url];
+  if (known.url.empty() || Clock::now() - known.since > std::chrono::minutes(10)) known = {sign(object), Clock::now()};
+  return known.url;
 }
 
 }  // namespace
