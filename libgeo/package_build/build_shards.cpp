@@ -10,6 +10,7 @@
 #include "package/mission_check.hpp"
 #include "package_build/build_journal.hpp"
 #include "raster/mosaic.hpp"
+#include "raster/pinned_files.hpp"
 #include "raster/single_opencv_thread.hpp"
 
 namespace nadir {
@@ -25,6 +26,11 @@ struct OpenPlan {
       : plan(read_shard_plan(folder, program)),
         range(plan_range(plan.mission, plan.inputs)),
         tiles(plan.mission, plan.inputs, range, with_threads(plan.tiles, threads)) {
+    for (const auto& files : plan.pins) {
+      for (const PinnedFile& file : files) {
+        if (file.object) mount_object(*file.object);
+      }
+    }
     if (plan.shards.back().last == tiles.metatiles.size()) return;
     throw Error({.what = "this plan of a build does not fit its mission and imagery",
                  .where = (folder / kShardPlanFile).string(),

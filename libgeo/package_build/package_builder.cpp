@@ -127,7 +127,7 @@ Findings check_plan(const Mission& mission, const std::vector<ImageryInput>& inp
 
 std::vector<Sha256> digests_of(std::span<const ImageryInput> inputs) {
   std::vector<Sha256> digests;
-  for (const ImageryInput& input : inputs) digests.push_back(digest_of(pin_raster(input.path)));
+  for (const ImageryInput& input : inputs) digests.push_back(digest_of(pin_imagery(input)));
   return digests;
 }
 

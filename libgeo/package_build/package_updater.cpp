@@ -16,6 +16,7 @@
 #include "package/tile_container.hpp"
 #include "package/vector_layer.hpp"
 #include "package/verify.hpp"
+#include "package_build/pinned_file.hpp"
 #include "vision/place_index.hpp"
 #include "vision/place_index_builder.hpp"
 
@@ -246,6 +247,9 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   std::optional<PlaceTable> old_index;
   if (request.index) old_index = previous_place_table(request.old_package, *old.manifest);
   const std::vector<ImageryInput> rasters = open_imagery(request.imagery, request.overrides, request.stretches);
+  for (const ImageryInput& raster : rasters) {
+    if (raster.stated_sha256) pin_imagery(raster);  // throws when it is another
+  }
   findings.add(check_stated_places(rasters));
   findings.add(check_stated_licences(rasters));
   const RootChain roots = read_root_chain(request.roots, at, old.roots, request.trust);

@@ -8,6 +8,8 @@
 
 #include "base/error.hpp"
 #include "raster/gdal_dataset.hpp"
+#include "raster/imagery_input.hpp"
+#include "raster/pinned_files.hpp"
 
 namespace nadir {
 namespace {
@@ -37,9 +39,23 @@ PinnedFile pin_file(const std::filesystem::path& path) {
 }
 
 std::vector<PinnedFile> pin_raster(const std::filesystem::path& raster) {
+  if (const PinnedObject* object = mounted_object(raster)) {
+    const ObjectPin& pin = object->pin();
+    return {{raster, pin.bytes, 0, pin.sha256, std::make_shared<const ObjectPin>(pin)}};
+  }
   std::vector<PinnedFile> files;
   for (const std::filesystem::path& file : files_of_raster(raster)) files.push_back(pin_file(file));
   return files;
+}
+
+std::vector<PinnedFile> pin_imagery(const ImageryInput& input) {
+  std::vector<PinnedFile> files = pin_raster(input.path);
+  if (!input.stated_sha256 || files.empty() || files.front().sha256 == *input.stated_sha256) return files;
+  throw UsageError({.what = "imagery is not the one that its list states",
+                    .where = input.path.string(),
+                    .expected = "sha256 " + input.stated_sha256->hex(),
+                    .found = "sha256 " + files.front().sha256.hex(),
+                    .fix = "restore the file; or state the new one's file:checksum, if it is wanted"});
 }
 
 Sha256 digest_of(std::span<const PinnedFile> files) {
@@ -50,6 +66,7 @@ Sha256 digest_of(std::span<const PinnedFile> files) {
 
 void require_unchanged(std::span<const PinnedFile> files, const std::string& since) {
   for (const PinnedFile& file : files) {
+    if (file.object) continue;
     const auto refuse = [&](std::string expected, std::string found) {
       throw UsageError({.what = "an input has changed since " + since,
                         .where = file.path.string(),

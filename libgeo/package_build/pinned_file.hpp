@@ -3,15 +3,19 @@
 // A pin is the file's path, size, time of change and SHA-256. As rsync and make do, the check looks at size and time
 // first: when both are those of the pin, the file counts as unchanged and is not read. A file with another time (a
 // copy) is hashed; so a shard reads no more of its imagery than it needs where all machines see one file system.
+//
+// A pinned object (object_storage/pinned_object.hpp) is checked block by block as it is read, and not before.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "base/digest.hpp"
+#include "object_storage/pinned_object.hpp"
 
 namespace nadir {
 
@@ -20,9 +24,15 @@ struct PinnedFile {
   std::uint64_t bytes = 0;
   std::int64_t modified_ns = 0;  // since 1970
   Sha256 sha256;
+  std::shared_ptr<const ObjectPin> object{};  // of what lies in object storage; the path is its URL
 };
 
 PinnedFile pin_file(const std::filesystem::path& path);  // reads all of it. Throws Error
+
+struct ImageryInput;
+
+// Throws UsageError when the raster is not the one that its list states.
+std::vector<PinnedFile> pin_imagery(const ImageryInput& input);
 
 // Every file that the raster is read from: itself, its masks and overviews, the sources of a VRT.
 std::vector<PinnedFile> pin_raster(const std::filesystem::path& raster);

@@ -10,6 +10,7 @@
 #include "base/files.hpp"
 #include "base/json.hpp"
 #include "package/mission_check.hpp"
+#include "raster/pinned_files.hpp"
 
 namespace nadir {
 namespace {
@@ -24,10 +25,15 @@ constexpr std::int64_t kMaxNumber = std::numeric_limits<std::int64_t>::max();
 json json_of(const std::vector<PinnedFile>& files) {
   json result = json::array();
   for (const PinnedFile& file : files) {
-    result.push_back({{"path", file.path.string()},
-                      {"bytes", file.bytes},
-                      {"modified_ns", file.modified_ns},
-                      {"sha256", file.sha256.hex()}});
+    json one = {{"path", file.path.string()},
+                {"bytes", file.bytes},
+                {"modified_ns", file.modified_ns},
+                {"sha256", file.sha256.hex()}};
+    if (file.object) {
+      one["block_bytes"] = file.object->block_bytes;
+      one["block_sha256"] = blocks_text(*file.object);
+    }
+    result.push_back(std::move(one));
   }
   return result;
 }
@@ -62,6 +68,14 @@ std::vector<PinnedFile> read_files(const JsonReader& in) {
     files.push_back({file.text("path", {.least = 1, .most = 4096}), file.integer<std::uint64_t>("bytes", 0, kMaxNumber),
                      file.integer("modified_ns", std::numeric_limits<std::int64_t>::min(), kMaxNumber),
                      file.digest("sha256")});
+    PinnedFile& pinned = files.back();
+    if (const auto blocks = file.optional_text("block_sha256")) {
+      const auto block_bytes = file.integer<std::uint64_t>("block_bytes", 1, kMaxNumber);
+      auto digests = parse_blocks(*blocks, pinned.bytes, block_bytes);
+      if (!digests) file.refuse("block_sha256", "a SHA-256 for each block of the object, in base64", "other text");
+      pinned.object = std::make_shared<const ObjectPin>(ObjectPin{
+          parse_object_address(pinned.path.string()), pinned.bytes, pinned.sha256, block_bytes, *std::move(digests)});
+    }
     file.finish();
   }
   return files;
@@ -81,8 +95,11 @@ std::optional<PinnedLayer> read_layer(const JsonReader& in, const char* name) {
 ImageryInput read_input(const JsonReader& in) {
   ImageryInput input;
   input.path = in.text("path", {.least = 1, .most = 4096});
-  input.facts = {in.time("captured"), in.number("gsd_m", 1e-9, 1e9), in.number("ce90_m", 1e-9, 1e9),
-                 in.text("provider", {.least = 0, .most = 65536}), in.text("licence", {.least = 0, .most = 65536}),
+  input.facts = {in.time("captured"),
+                 in.number("gsd_m", 1e-9, 1e9),
+                 in.number("ce90_m", 1e-9, 1e9),
+                 in.text("provider", {.least = 0, .most = 65536}),
+                 in.text("licence", {.least = 0, .most = 65536}),
                  in.text("attribution", {.least = 0, .most = 65536})};
   input.pixel_m = in.number("pixel_m", 0, 1e9);
   const JsonReader outline = in.array("outline", {.least = 3, .most = 4096});
@@ -276,9 +293,9 @@ ShardPlanReport plan_shards(const PackageRequest& request, int shards, const fs:
   StagingDirectory staging(out);
   progress.begin("hashing the inputs", build.inputs.size(), "rasters");
   for (ImageryInput& input : build.inputs) {
-    plan.pins.push_back(pin_raster(input.path));
+    plan.pins.push_back(pin_imagery(input));
     for (const PinnedFile& file : plan.pins.back()) report.imagery_bytes += file.bytes;
-    input.path = fs::absolute(input.path);
+    if (mounted_object(input.path) == nullptr) input.path = fs::absolute(input.path);
     progress.advance();
   }
   if (request.dem) plan.dem = PinnedLayer{fs::absolute(*request.dem), pin_raster(*request.dem)};

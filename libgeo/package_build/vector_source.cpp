@@ -17,6 +17,7 @@
 #include "base/files.hpp"
 #include "geodesy/region.hpp"
 #include "geodesy/web_mercator.hpp"
+#include "object_storage/object_address.hpp"
 #include "package/vector_layer.hpp"
 #include "package_build/build_plan.hpp"
 #include "raster/gdal_dataset.hpp"

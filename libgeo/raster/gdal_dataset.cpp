@@ -8,7 +8,10 @@
 #include <opencv2/core.hpp>
 
 #include "base/error.hpp"
+#include "object_storage/object_address.hpp"
 #include "raster/gdal_drivers.hpp"
+#include "raster/pinned_files.hpp"
+#include "raster/zarr_raster.hpp"
 
 namespace nadir {
 namespace {
@@ -150,10 +153,33 @@ void CloseGdal::operator()(GDALDataset* dataset) const { GDALClose(dataset); }
 
 GdalDataset::~GdalDataset() = default;
 
+namespace {
+
+// Formats that are one file, with all that belongs to them in it.
+constexpr std::array kObjectDrivers = {"GTiff", "JP2OpenJPEG", "NITF",
+                                       "GPKG",  "MBTiles",     static_cast<const char*>(nullptr)};
+
+GdalHandle open_object(const PinnedObject& object) {
+  GdalHandle dataset(GDALDataset::Open(gdal_name(object.pin().address.url).c_str(),
+                                       GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR,
+                                       kObjectDrivers.data()));
+  object.require_sound();
+  if (dataset) return dataset;
+  throw Error({.what = "the pinned object cannot be opened as a raster",
+               .where = object.pin().address.url,
+               .expected = "GeoTIFF or COG, JPEG 2000, NITF, GeoPackage or MBTiles, complete in one file",
+               .found = QuietGdal::last_error(),
+               .fix = "convert it: gdal_translate -of COG"});
+}
+
+}  // namespace
+
 GdalHandle open_gdal_raster(const std::filesystem::path& path) {
   const QuietGdal quiet;
   register_gdal_drivers();
+  if (const PinnedObject* object = mounted_object(path)) return open_object(*object);
   if (is_remote_name(path.string())) reject_remote(path, path.string());
+  if (is_zarr(path)) return open_zarr(path);
   if (!std::filesystem::is_regular_file(path)) {
     throw Error({.what = std::filesystem::exists(path) ? "the raster is not a file" : "the raster does not exist",
                  .where = path.string(),
@@ -173,18 +199,21 @@ GdalHandle open_gdal_raster(const std::filesystem::path& path) {
 }
 
 std::vector<std::filesystem::path> files_of_raster(const std::filesystem::path& path) {
+  if (mounted_object(path) != nullptr) return {path};
+  if (is_zarr(path)) return files_of_zarr(path);
   const GdalHandle dataset = open_gdal_raster(path);
   return list_files(path, *dataset, kMaxVrtDepth);
 }
 
 GdalDataset::GdalDataset(const std::filesystem::path& path, std::optional<Stretch> stretch)
-    : path_(path), dataset_(open_gdal_raster(path)), stretch_(stretch) {
+    : path_(path), object_(mounted_object(path)), dataset_(open_gdal_raster(path)), stretch_(stretch) {
   const QuietGdal quiet;
   size_ = {dataset_->GetRasterXSize(), dataset_->GetRasterYSize()};
   layout_ = find_band_layout(*dataset_, path_);
 }
 
 void GdalDataset::check(bool ok, const char* doing) const {
+  if (object_ != nullptr) object_->require_sound();  // whatever GDAL made of it
   if (ok) return;
   throw Error({.what = fmt::format("the raster cannot be read while {}", doing),
                .where = path_.string(),

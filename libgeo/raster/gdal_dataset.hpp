@@ -1,6 +1,7 @@
 // A raster file through GDAL: opening, its bands, reading windows of pixels. GDAL's own headers stay in the .cpp files.
 //
-// Only local files are read: the result of a build must depend on files that can be digested.
+// Only files on this machine and pinned objects (pinned_files.hpp) are read: the result of a build must depend on bytes
+// that have a digest.
 #pragma once
 
 #include <array>
@@ -20,6 +21,8 @@ class GDALRasterBand;
 
 namespace nadir {
 
+class PinnedObject;
+
 // GDAL prints errors on stderr by default. While this lives, GDAL only keeps the errors of the current thread.
 class QuietGdal {
  public:
@@ -36,7 +39,8 @@ struct CloseGdal {
 };
 using GdalHandle = std::unique_ptr<GDALDataset, CloseGdal>;
 
-// Opens a raster file of any format. Throws Error with GDAL's message, UsageError for remote rasters.
+// Opens a raster file of any format, or a mounted object. Throws Error with GDAL's message, UsageError for other remote
+// rasters.
 GdalHandle open_gdal_raster(const std::filesystem::path& path);
 
 // The files that the raster is read from, in GDAL's order: itself, its masks and overviews, the sources of a VRT.
@@ -93,6 +97,7 @@ class GdalDataset {
   MaskedImage read_palette(const cv::Rect& window, cv::Size size) const;
 
   std::filesystem::path path_;
+  const PinnedObject* object_;  // null for a file on this machine
   GdalHandle dataset_;
   cv::Size size_;
   BandLayout layout_;

@@ -17,8 +17,10 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/input_file.hpp"
+#include "base/printable.hpp"
+#include "object_storage/object_address.hpp"
 #include "raster/gdal_dataset.hpp"
-#include "raster/pmtiles_dataset.hpp"
+#include "raster/tile_set_dataset.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
@@ -46,7 +48,9 @@ constexpr std::array kRasterFormats{ReadableFormat{"GTiff", "GeoTIFF"},
                                     ReadableFormat{"NITF", "NITF"},
                                     ReadableFormat{"GPKG", "GeoPackage"},
                                     ReadableFormat{"MBTiles", "MBTiles"},
-                                    ReadableFormat{"NadirPMTiles", "PMTiles"}};
+                                    ReadableFormat{"NadirPMTiles", "PMTiles"},
+                                    ReadableFormat{"NadirTPKX", "Esri tile packages"},
+                                    ReadableFormat{"Zarr", "Zarr"}};
 constexpr std::array kVectorFormats{ReadableFormat{"GeoJSON", "GeoJSON"},
                                     ReadableFormat{"GeoJSONSeq", "GeoJSON lines"},
                                     ReadableFormat{"LIBKML", "KML"},
@@ -125,18 +129,18 @@ class Description {
 }  // namespace
 
 void reject_remote(const fs::path& path, const std::string& found) {
-  throw UsageError({.what = "remote imagery is not supported",
-                    .where = path.string(),
-                    .expected = "files on this machine",
-                    .found = found,
-                    .fix = "download it first, for example with gdal_translate, and pass the file"});
+  throw UsageError({.what = "remote imagery is not read unless it is pinned",
+                    .where = printable_url(path.string()),
+                    .expected = "files on this machine, or a list of pinned objects",
+                    .found = printable_url(found),
+                    .fix = "pin it: nadir cache pin URL > sources.json, and --imagery sources.json"});
 }
 
 void register_gdal_drivers() {
   static std::once_flag once;
   std::call_once(once, [] {
     GDALAllRegister();
-    register_pmtiles_driver();
+    register_tile_set_drivers();
     GDALDriverManager& drivers = *GetGDALDriverManager();
     for (int i = 0; i < drivers.GetDriverCount(); ++i) {
       GDALDriver& driver = *drivers.GetDriver(i);
@@ -156,12 +160,6 @@ void register_gdal_drivers() {
 
 std::string readable_raster_formats() { return shown(kRasterFormats); }
 std::string readable_vector_formats() { return shown(kVectorFormats); }
-
-bool is_remote_name(const std::string& name) {
-  if (name.starts_with("/vsi")) return true;
-  const std::size_t colon = name.find("://");
-  return colon != std::string::npos && colon < 10;
-}
 
 void refuse_remote_raster(const fs::path& path) {
   const QuietGdal quiet;  // GDAL's XML parser writes to stderr

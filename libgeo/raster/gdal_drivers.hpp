@@ -8,8 +8,8 @@
 
 namespace nadir {
 
-// Registers GDAL's drivers, lets only those of the list open data sources, and closes the file systems that reach the
-// network. Once in a process; call it before any other use of GDAL.
+// Registers GDAL's drivers, lets only those of the list open data sources, and closes GDAL's file systems that reach
+// the network (pinned_files.hpp has the one that may). Once in a process; call it before any other use of GDAL.
 void register_gdal_drivers();
 
 // The list, for messages: "GeoTIFF, JPEG 2000, …".
@@ -23,8 +23,5 @@ void refuse_remote_raster(const std::filesystem::path& path);
 
 // Throws the UsageError that this raster is remote. found: what it is, or names.
 [[noreturn]] void reject_remote(const std::filesystem::path& raster, const std::string& found);
-
-// Whether this is the name of something that is no file on this machine.
-bool is_remote_name(const std::string& name);
 
 }  // namespace nadir

@@ -5,122 +5,41 @@
 
 #include <algorithm>
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <set>
 #include <string>
 #include <string_view>
 #include <utility>
 
 #include "base/error.hpp"
-#include "base/files.hpp"
-#include "base/json.hpp"
+#include "raster/gdal_drivers.hpp"
+#include "raster/pinned_files.hpp"
 #include "raster/raster_source.hpp"
 #include "raster/stretch.hpp"
 
 namespace nadir {
-namespace {
-
-using nlohmann::json;
-
-class StacItem {
- public:
-  explicit StacItem(const std::filesystem::path& raster) : path_(stac_item_beside(raster)) {
-    if (!std::filesystem::exists(path_)) return;
-    const json document = parse_json(read_text_file(path_), path_.string());
-    if (!document.is_object() || document.value("type", json()) != "Feature" || !document.contains("properties") ||
-        !document["properties"].is_object()) {
-      throw UsageError({.what = "this is not a STAC Item",
-                        .where = path_.string(),
-                        .expected = "a GeoJSON Feature with properties",
-                        .fix = "see docs/commands/cache-build.md for an example"});
-    }
-    properties_ = document["properties"];
-  }
-
-  [[noreturn]] void missing(std::string_view fact, std::string_view option) const {
-    const bool item_exists = properties_.is_object();
-    throw UsageError({.what = fmt::format("the imagery's {} is unknown", fact),
-                      .where = path_.string(),
-                      .expected = fmt::format("a STAC Item beside the raster that states it, or {}", option),
-                      .found = item_exists ? "an item without it" : "no such file",
-                      .fix = fmt::format("add it to the item, or pass {}", option)});
-  }
-
-  double positive(std::string_view name, std::string_view fact, std::string_view option) const {
-    const json value = property(name);
-    if (value.is_null()) missing(fact, option);
-    if (!value.is_number() || value.get<double>() <= 0) reject(name, "a positive number of metres", value);
-    return value.get<double>();
-  }
-
-  UtcTime datetime() const {
-    const json value = property("datetime");
-    if (value.is_null()) missing("capture time", "--captured");
-    const auto time = value.is_string() ? parse_utc(value.get<std::string>()) : std::nullopt;
-    if (!time) reject("datetime", "an RFC 3339 time", value);
-    return *time;
-  }
-
-  std::string provider() const {
-    const json value = property("providers");
-    if (!value.is_array() || value.empty() || !value[0].is_object() || !value[0].contains("name")) {
-      missing("provider", "--provider");
-    }
-    if (!value[0]["name"].is_string()) reject("providers[0].name", "a string", value[0]["name"]);
-    return value[0]["name"].get<std::string>();
-  }
-
-  // Empty when the item does not say.
-  std::string optional_text(std::string_view name) const {
-    const json value = property(name);
-    if (value.is_null()) return {};
-    if (!value.is_string()) reject(name, "a string", value);
-    return value.get<std::string>();
-  }
-
- private:
-  json property(std::string_view name) const {
-    return properties_.is_object() && properties_.contains(name) ? properties_[std::string(name)] : json();
-  }
-
-  [[noreturn]] void reject(std::string_view name, std::string_view expected, const json& found) const {
-    throw UsageError({.what = "the STAC Item is invalid",
-                      .where = fmt::format("{} (properties.{})", path_.string(), name),
-                      .expected = std::string(expected),
-                      .found = found.dump()});
-  }
-
-  std::filesystem::path path_;
-  json properties_;
-};
-
-}  // namespace
-
-std::filesystem::path stac_item_beside(const std::filesystem::path& raster) {
-  std::filesystem::path item = raster;
-  return item.replace_extension(".json");
-}
-
-ImageryFacts read_imagery_facts(const std::filesystem::path& raster, const ImageryOverrides& overrides) {
-  const StacItem item(raster);
+ImageryFacts read_imagery_facts(const StacItem& item, const ImageryOverrides& overrides) {
   const auto text = [&](const std::optional<std::string>& stated, std::string_view name, std::size_t most) {
     std::string value = stated ? *stated : item.optional_text(name);
     if (value.size() <= most) return value;
     throw UsageError(
         {.what = fmt::format("the imagery's {} is too long", name),
-         .where = stated ? "--" + std::string(name) : stac_item_beside(raster).string(),
+         .where = stated ? "--" + std::string(name) : item.where(),
          .expected = fmt::format("at most {} bytes", most),
          .found = fmt::format("{} bytes", value.size()),
          .fix = "state the SPDX identifier of the licence, and the shortest attribution that it asks for"});
   };
   return {
-      .captured_at = overrides.captured_at ? *overrides.captured_at : item.datetime(),
-      .gsd_m = overrides.gsd_m ? *overrides.gsd_m : item.positive("gsd", "ground sample distance", "--gsd-m"),
-      .ce90_m = overrides.ce90_m ? *overrides.ce90_m : item.positive("nadir:ce90_m", "accuracy (CE90)", "--ce90-m"),
+      .captured_at = overrides.captured_at ? *overrides.captured_at : item.captured_at(),
+      .gsd_m = overrides.gsd_m ? *overrides.gsd_m : item.gsd_m(),
+      .ce90_m = overrides.ce90_m ? *overrides.ce90_m : item.ce90_m(),
       .provider = overrides.provider ? *overrides.provider : item.provider(),
       .licence = text(overrides.licence, "license", kMaxLicence),
       .attribution = text(overrides.attribution, "attribution", kMaxAttribution),
   };
+}
+
+ImageryFacts read_imagery_facts(const std::filesystem::path& raster, const ImageryOverrides& overrides) {
+  return read_imagery_facts(StacItem::beside(raster), overrides);
 }
 
 namespace {
@@ -234,6 +153,27 @@ Findings check_stated_resolution(std::span<const ImageryInput> inputs) {
   return findings;
 }
 
+namespace {
+
+// What --imagery names: a raster, or the rasters of a list.
+std::vector<StacAsset> assets_of(const std::filesystem::path& named) {
+  if (is_remote_name(named.string())) reject_remote(named, named.string());
+  if (!is_stac_name(named.string())) return {StacAsset{StacItem::beside(named), {}, named.string()}};
+  std::vector<StacAsset> assets = read_stac(named.string());
+  for (const StacAsset& asset : assets) {
+    if (asset.pin) mount_object(*asset.pin);
+    if (asset.pin || !is_remote_name(asset.href)) continue;
+    throw UsageError(
+        {.what = "an object is not pinned",
+         .where = fmt::format("{} in {}", asset.href, asset.item.where()),
+         .expected = "file:size, file:checksum (SHA-256), nadir:block_bytes and nadir:block_sha256",
+         .fix = fmt::format("nadir cache pin {} > sources.json, and --imagery sources.json", named.string())});
+  }
+  return assets;
+}
+
+}  // namespace
+
 std::vector<ImageryInput> open_imagery(std::span<const std::filesystem::path> paths, const ImageryOverrides& overrides,
                                        std::span<const StretchRequest> stretches) {
   if (stretches.size() > 1 && stretches.size() != paths.size()) {
@@ -246,14 +186,18 @@ std::vector<ImageryInput> open_imagery(std::span<const std::filesystem::path> pa
   std::vector<ImageryInput> inputs;
   for (std::size_t i = 0; i < paths.size(); ++i) {
     const StretchRequest request = stretches.empty() ? StretchRequest{} : stretches[stretches.size() == 1 ? 0 : i];
-    const std::optional<Stretch> stretch = resolve_stretch(paths[i], request);
-    const RasterSource source(paths[i], stretch);
-    ImageryInput input{paths[i], read_imagery_facts(paths[i], overrides), source.outline()};
-    input.stretch = stretch;
-    input.pixel_m = source.pixel_m();
-    input.place_precision_m = source.place_precision_m();
-    if (stretch) input.facts.provider += fmt::format(" ({})", to_text(*stretch));
-    inputs.push_back(std::move(input));
+    for (const StacAsset& asset : assets_of(paths[i])) {
+      const std::filesystem::path raster = asset.href;
+      const std::optional<Stretch> stretch = resolve_stretch(raster, request);
+      const RasterSource source(raster, stretch);
+      ImageryInput input{raster, read_imagery_facts(asset.item, overrides), source.outline()};
+      input.stretch = stretch;
+      input.pixel_m = source.pixel_m();
+      input.place_precision_m = source.place_precision_m();
+      input.stated_sha256 = asset.sha256;
+      if (stretch) input.facts.provider += fmt::format(" ({})", to_text(*stretch));
+      inputs.push_back(std::move(input));
+    }
   }
   return inputs;
 }

@@ -1,9 +1,9 @@
 // The rasters that a map is made of, as the user names them, with what must be known about each: capture time, ground
 // sample distance, provider and accuracy. Earlier ones lie on top of later ones.
 //
-// The facts come from the STAC Item beside the file (`map.tif` + `map.json`, stacspec.org 1.0): properties.datetime,
-// gsd, providers[0].name, nadir:ce90_m, license, and attribution (of STAC's extension of this name). The user may state
-// them instead.
+// The facts come from a STAC Item (stac.hpp), beside the file (`map.tif` + `map.json`) or in a list that names it:
+// properties.datetime, gsd, providers[0].name, nadir:ce90_m, license, and attribution (of STAC's extension of this
+// name). The user may state them instead.
 #pragma once
 
 #include <cstdint>
@@ -14,11 +14,13 @@
 #include <string>
 #include <vector>
 
+#include "base/digest.hpp"
 #include "base/error.hpp"
 #include "base/time.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package/manifest.hpp"
 #include "package/sidecar.hpp"
+#include "raster/stac.hpp"
 #include "raster/stretch.hpp"
 
 namespace nadir {
@@ -43,18 +45,18 @@ struct ImageryOverrides {
 };
 
 // Throws UsageError when a fact is neither in the item nor stated: freshness and accuracy could not be evaluated.
+ImageryFacts read_imagery_facts(const StacItem& item, const ImageryOverrides& overrides);
 ImageryFacts read_imagery_facts(const std::filesystem::path& raster, const ImageryOverrides& overrides);
 
-std::filesystem::path stac_item_beside(const std::filesystem::path& raster);
-
 struct ImageryInput {
-  std::filesystem::path path;
+  std::filesystem::path path;  // of a file, or the URL of a mounted object (pinned_files.hpp)
   ImageryFacts facts;
   std::vector<MercatorXY> outline;  // RasterSource::outline()
   TileTrust trust = TileTrust::service;
-  std::optional<Stretch> stretch{};  // of a raster that is not 8 bit
-  double place_precision_m = 0;      // RasterSource::place_precision_m()
-  double pixel_m = 0;                // side of a pixel on the ground, as the file is georeferenced; 0: not known
+  std::optional<Stretch> stretch{};       // of a raster that is not 8 bit
+  double place_precision_m = 0;           // RasterSource::place_precision_m()
+  std::optional<Sha256> stated_sha256{};  // of the raster's file, by a list that names it
+  double pixel_m = 0;                     // side of a pixel on the ground, as the file is georeferenced; 0: not known
 };
 
 // "resolution.implausible": a stated ground sample distance that is much finer than the raster's pixels.
@@ -71,7 +73,8 @@ Findings check_stated_licences(std::span<const ImageryInput> inputs);
 std::vector<SourceLicence> stated_sources(std::span<const Sidecar> tiles, std::span<const ImageryInput> inputs,
                                           std::span<const SourceLicence> known = {});
 
-// In the given order. stretches: none, one for all, or one for each. Throws Error for a raster that does not open,
+// In the given order; a path that is a list (stac.hpp) stands for its rasters, and its pinned objects are mounted.
+// stretches: none, one for all, or one for each path. Throws Error for a raster that does not open,
 // UsageError when a fact or a stretch is missing. The stretch is appended to the provider, which every tile names as
 // its source: "survey (112 to 9873)".
 std::vector<ImageryInput> open_imagery(std::span<const std::filesystem::path> paths, const ImageryOverrides& overrides,

@@ -106,7 +106,7 @@ part() {
     export)       one_program nadir && python3 -B "$here/export.py" "$@" ;;
     patch)        one_program nadir && python3 -B "$here/patch.py" "$@" ;;
     kill)         python3 "$here/kill_resume.py" "$@" ;;
-    scale)        one_program nadir && python3 -B "$here/scale.py" "$@" ;;
+    scale)        one_program nadir && build-venv/bin/python -B "$here/scale.py" "$@" ;;
     navigability) one_program nadir && python3 -B "$here/navigability.py" build/bin "$@" ;;
     area)         programs && python3 "$here/area.py" "$@" ;;
     large)        programs && python3 "$here/large.py" "$@" ;;

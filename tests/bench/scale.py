@@ -3,20 +3,26 @@
 the largest shard's memory, and whether the merged package has the bytes of the one that one process builds. Then the rates
 that docs/scale.md reckons with.
 
-  tests/bench/scale.py [--size-km 4] [--shards 1 2 4 8] [--tries 2]
+  tests/bench/scale.py [--size-km 4] [--shards 1 2 4 8] [--tries 2] [--object-storage]
   tests/bench/scale.py --mission mission.yaml --imagery map.tif [-- --dem dem.tif --captured 2024-06-01 ...]
 
 Speed-up: wall seconds of one process with one thread, by those of the shards. Efficiency: its CPU seconds by those of all
 shards together, which other load on the machine does not change. The one process also writes the package, so both are a
-little too good for few shards; the merge is listed beside them, because it is the part that does not get faster."""
+little too good for few shards; the merge is listed beside them, because it is the part that does not get faster.
+
+--object-storage: the imagery as a COG in an S3 server on this machine besides (tests/support/object_store.py, with the build's
+Python): requests and bytes that pin, build and shards ask it for."""
 import argparse
 import concurrent.futures
+import dataclasses
 import filecmp
+import json
 import math
 import os
 import pathlib
 import shutil
 import sqlite3
+import sys
 import tempfile
 import time
 
@@ -78,6 +84,51 @@ class Bench:
         return planned, best, merge, identical, handed_on
 
 
+def object_storage(bench, mission, imagery, more, shard_counts):
+    """What is read of the imagery when it is a COG in a bucket, and whether the package is the same."""
+    sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "support"))
+    from object_store import BUCKET, ObjectStore
+    nadir, work = bench.nadir, bench.work
+    cog, item, pinned = work / "cog.tif", work / "item.json", work / "sources.json"
+    must(["gdal_translate", "-q", "-of", "COG", "-co", "COMPRESS=JPEG", "-co", "OVERVIEWS=NONE", imagery, cog])
+    shutil.copy(imagery.with_suffix(".json"), cog.with_suffix(".json"))
+    size = cog.stat().st_size
+    store = ObjectStore()
+    os.environ.update(store.environment())
+    store.put("cog.tif", cog.read_bytes())
+    item.write_text(json.dumps({**json.loads(cog.with_suffix(".json").read_text()), "assets": {"data": {"href": f"s3://{BUCKET}/cog.tif"}}}))
+
+    def counted(name, run):
+        store.reset()
+        taken = run()
+        gateway = store.gateway
+        print(f"| {name} | {gateway.requests} | {gateway.bytes / 1e6:.1f} | {gateway.bytes / size:.2f} | {taken.cpu_s:.1f} |", flush=True)
+        return taken
+
+    print(f"\nThe imagery as a COG of {size / 1e6:.1f} MB in a bucket:\n\n| | requests | MB read | of the object | CPU s |\n|---|---|---|---|---|")
+    pin = counted("pin", lambda: must([nadir, "cache", "pin", item, "--quiet"]))
+    pinned.write_text(pin.output)
+    inputs = ["--mission", mission, *more]
+    must([nadir, "cache", "build", *inputs, "--imagery", cog, *bench.sign, "--threads", 1, "--out", work / "from-file"])
+    counted("cache build", lambda: must([nadir, "cache", "build", *inputs, "--imagery", pinned, *bench.sign, "--threads", 1, "--out", work / "from-object"]))
+    wrong = not same(work / "from-file", work / "from-object")
+    for count in shard_counts:
+        plan, merged = work / "object-plan", work / "object-merged"
+        must([nadir, "cache", "plan-shards", *inputs, "--imagery", pinned, "--shards", count, "--out", plan, "--quiet"])
+
+        def all_shards(count=count, plan=plan):
+            taken = [must([nadir, "cache", "build", "--plan", plan, "--shard", f"{i}/{count}", "--threads", 1, "--quiet"]) for i in range(1, count + 1)]
+            return dataclasses.replace(taken[0], cpu_s=sum(t.cpu_s for t in taken))
+        counted(f"{count} shards together", all_shards)
+        must([nadir, "cache", "merge", "--plan", plan, *bench.sign, "--out", merged])
+        wrong += not same(work / "from-file", merged)
+        shutil.rmtree(plan)
+        shutil.rmtree(merged)
+    print(f"\npackages from the bucket: {'DIFFERENT' if wrong else 'identical to that of the file'}")
+    store.stop()
+    return wrong
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--nadir", type=pathlib.Path, default=BUILD / "nadir")
@@ -86,6 +137,7 @@ def main():
     parser.add_argument("--tries", type=int, default=2)
     parser.add_argument("--mission", type=pathlib.Path)
     parser.add_argument("--imagery", type=pathlib.Path, nargs="+")
+    parser.add_argument("--object-storage", action="store_true", help="count what is read of a bucket, too")
     parser.add_argument("more", nargs="*", help="further options of cache build")
     options = parser.parse_args()
     cores = len(os.sched_getaffinity(0))
@@ -117,6 +169,11 @@ def main():
         size = size_of(bench.whole)
         print(f"\nper km²: {best[1] / area:.2f} CPU s to make tiles, {merge.cpu_s / area:.3f} to merge; {size / area / 1e6:.2f} MB "
               f"of package, {handed_on / area / 1e6:.2f} MB of shards; planning {planned.cpu_s:.1f} CPU s in all")
+        if options.object_storage:
+            world = work / "world"
+            mission, imagery, more = (options.mission, options.imagery[0], options.more) if options.mission else \
+                (world / "mission.yaml", world / "map.tif", ["--dem", world / "dem.tif", "--at", AT])
+            wrong += object_storage(bench, mission, imagery, more, options.shards)
         return 1 if wrong else 0
 
 

@@ -15,6 +15,8 @@
 #include "package_build/shard_plan.hpp"
 #include "raster/gdal_drivers.hpp"
 #include "raster/imagery_input.hpp"
+#include "raster/stac.hpp"
+#include "raster/tile_package.hpp"
 #include "replay/flight_folder.hpp"
 #include "replay/inertial_file.hpp"
 #include "replay/poses_file.hpp"
@@ -29,6 +31,22 @@ void stac_item(std::string_view bytes) {
     require(facts.gsd_m > 0 && std::isfinite(facts.gsd_m), "a resolution that is none");
     require(facts.ce90_m > 0 && std::isfinite(facts.ce90_m), "an accuracy that is none");
     require(parse_utc(to_rfc3339(facts.captured_at)) == facts.captured_at, "a date changes when it is written");
+  });
+}
+
+// What is accepted is written as a list that says the same. No document lies behind its links but itself.
+void stac_list(std::string_view bytes) {
+  const std::string first = scratch_file("list.json", bytes).string();
+  const std::string second = (scratch_folder() / "again.json").string();
+  refusing([&] {
+    const std::vector<StacAsset> assets = read_stac(first);
+    const std::string text = stac_list_json(assets);
+    scratch_file("again.json", text);
+    const std::vector<StacAsset> again = read_stac(second);
+    require(again.size() == assets.size() && stac_list_json(again) == text, "a list changes when it is written");
+    for (std::size_t i = 0; i < assets.size(); ++i) {
+      require(again[i].href == assets[i].href && again[i].pin == assets[i].pin, "another object");
+    }
   });
 }
 
@@ -86,6 +104,18 @@ void metatile(std::string_view bytes) {
 void vrt(std::string_view bytes) {
   const std::filesystem::path file = scratch_file("map.vrt", bytes);
   refusing([&] { refuse_remote_raster(file); });
+}
+
+// Every tile of the list is there, and of its size.
+void tile_package(std::string_view bytes) {
+  const InputFile file(scratch_file("map.tpkx", bytes));
+  refusing([&] {
+    const TilePackageReader package(file);
+    const std::vector<TileKey> keys = package.keys();
+    require(!keys.empty(), "a package without tiles");
+    for (const TileKey& key : keys)
+      refusing([&] { require(package.read(key).has_value(), "a tile is listed and missing"); });
+  });
 }
 
 // What is accepted lies inside the file: its values can be read, one by one as well.

@@ -23,6 +23,7 @@ void candidate(std::string_view bytes);       // a candidate tile's sidecar
 void candidate_rows(std::string_view bytes);  // rows of a store of candidates, in any types
 
 void stac_item(std::string_view bytes);
+void stac_list(std::string_view bytes);  // of imagery, with pinned objects
 void kml(std::string_view bytes);
 void geojson(std::string_view bytes);
 void plan(std::string_view bytes);       // of QGroundControl
@@ -33,8 +34,9 @@ void inertial(std::string_view bytes);  // imu.csv, and its samples preintegrate
 void poses(std::string_view bytes);
 void terrain(std::string_view bytes);
 void matchability(std::string_view bytes);
-void vectors(std::string_view bytes);  // roads, water, woods and buildings of a package
-void vrt(std::string_view bytes);      // and what it names, before GDAL sees it
+void vectors(std::string_view bytes);       // roads, water, woods and buildings of a package
+void tile_package(std::string_view bytes);  // of Esri, .tpkx
+void vrt(std::string_view bytes);           // and what it names, before GDAL sees it
 void numpy_array(std::string_view bytes);
 void picture(std::string_view bytes);  // JPEG, PNG, WebP, TIFF
 void onnx(std::string_view bytes);     // the description of a descriptor network

@@ -175,7 +175,7 @@ TEST_F(Mosaic, RemoteImageryIsRejected) {
       const RasterSource source(path);
       FAIL() << path;
     } catch (const UsageError& error) {
-      EXPECT_EQ(error.text().what, "remote imagery is not supported") << path;
+      EXPECT_EQ(error.text().what, "remote imagery is not read unless it is pinned") << path;
     }
   };
   expect_remote("/vsicurl/https://example.org/map.tif");

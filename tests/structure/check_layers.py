@@ -44,10 +44,11 @@ ALLOWED = {
     "desk": "base geodesy imagery package vision estimation adjustment flight_import flights flight_adjustment replay http cli report map_page raster planning",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
-    "raster": "base geodesy imagery package",
+    "object_storage": "base",
+    "raster": "base geodesy imagery package object_storage",
     "mission_formats": "base geodesy package raster",
     "navigability": "base geodesy imagery package vision estimation raster",
-    "package_build": "base geodesy imagery trust package vision ortho raster",
+    "package_build": "base geodesy imagery trust package vision ortho object_storage raster",
     "planning": "base geodesy imagery trust package vision raster package_build mission_formats",
     "datasets": "base geodesy imagery vision estimation replay cli raster planning",
     "catalogue": "base geodesy package raster",
@@ -61,7 +62,7 @@ ALLOWED = {
     "flight": "base geodesy imagery trust package vision estimation ortho recorder mavlink fixes cli api camera service",
     "runtime": "base trust package vision estimation ortho cli verify_request nadird_client service flight",
     # the ground's programs
-    "commands": "base geodesy imagery trust token_keys package package_delta package_export vision estimation adjustment ortho recorder flights flight_adjustment replay mavlink upload raster package_build "
+    "commands": "base geodesy imagery trust token_keys package package_delta package_export vision estimation adjustment ortho recorder flights flight_adjustment replay mavlink upload object_storage raster package_build "
                 "catalogue candidates simulation provision flight_import mission_formats navigability datasets cli report map_page verify_request nadird_client desk planning",
     "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
@@ -70,7 +71,7 @@ ALLOWED = {
 HEAVY_IN_HEADERS = re.compile(r"^(ceres/|p11-kit/|exiv2/|gdal|ogr|cpl_|faiss/|CLI/|boost/beast|nlohmann/json\.hpp$|proj\.h$)")
 ONLY_IN = [
     (re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"raster", "mission_formats", "package_build", "catalogue", "candidates", "datasets", "simulation", "commands"}),
-    (re.compile(r"^curl/"), {"upload"}),
+    (re.compile(r"^curl/"), {"upload", "object_storage"}),
     (re.compile(r"^p11-kit/"), {"token_keys"}),
     (re.compile(r"^CLI/"), {"cli"}),
     (re.compile(r"^faiss/"), {"vision"}),

@@ -2,6 +2,7 @@
 specification; whole, and cut short. Formats that lose nothing give the same package, tile for tile, as the GeoTIFF does.
 docs/package.md has the table of what works; what it says does not work is tried here too."""
 import json
+import math
 import pathlib
 import shutil
 import sqlite3
@@ -10,14 +11,20 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import zipfile
 
 from pmtiles.tile import Compression, TileType, zxy_to_tileid
 from pmtiles.writer import Writer
 
-from tile_sets import TileSets, gdal
+from cadrg import Frame
+from tile_sets import ACROSS, TileSets, corners, gdal
 
 NADIR = sys.argv[1]
 FACTS = ["--captured", "2024-10-01", "--gsd-m", "0.9", "--provider", "surveyor", "--licence", "CC-BY-4.0", "--attribution", "© surveyor"]
+
+
+def mercator_latitude(y_m):
+    return math.degrees(2 * math.atan(math.exp(y_m / 6378137)) - math.pi / 2)
 
 
 class ImageryFormats(unittest.TestCase):
@@ -65,6 +72,46 @@ class ImageryFormats(unittest.TestCase):
                              "max_lat_e7": 0, "center_zoom": 0, "center_lon_e7": 0, "center_lat_e7": 0}, {"name": "map"})
         return self.folder / name
 
+    def tpkx(self, name, mbtiles):
+        """As github.com/Esri/tile-package-spec describes it, from the tiles of GDAL. Returns the package, and the folder of a map cache
+        with the same bundles, which GDAL 3.6 reads (its driver ESRIC, which is not ours)."""
+        with sqlite3.connect(mbtiles) as database:
+            tiles = {(z, (1 << z) - 1 - y, x): data for z, x, y, data in database.execute("SELECT * FROM tiles")}
+        database.close()
+        bundles = {}
+        for (level, row, column), data in tiles.items():
+            index, content = bundles.setdefault((level, row // 128 * 128, column // 128 * 128), ([0] * 128 * 128, bytearray()))
+            index[row % 128 * 128 + column % 128] = (64 + 8 * 128 * 128 + len(content) + 4) | len(data) << 40
+            content += struct.pack("<I", len(data)) + data
+        size = 20037508.342787
+        resolutions = [156543.03392800014 / 2**level for level in range(20)]
+        root = {"version": "1.0.0", "tileBundlesPath": "tile", "minLOD": 0, "maxLOD": 19, "resampling": False, "tileImageInfo": {"format": "PNG"},
+                "storageInfo": {"storageFormat": "esriMapCacheStorageModeCompactV2", "packetSize": 128},
+                "tileInfo": {"rows": 256, "cols": 256, "dpi": 96, "format": "PNG", "origin": {"x": -size, "y": size},
+                             "spatialReference": {"wkid": 102100, "latestWkid": 3857},
+                             "lods": [{"level": level, "resolution": r, "scale": r * 3779.5} for level, r in enumerate(resolutions)]}}
+        cache = self.folder / (name + ".cache")
+        with zipfile.ZipFile(self.folder / name, "w", zipfile.ZIP_STORED) as archive:
+            archive.writestr("root.json", json.dumps(root))
+            for (level, row, column), (index, content) in bundles.items():
+                largest = max(entry >> 40 for entry in index)
+                head = struct.pack("<IIIIQQQIIIIIII", 3, 128 * 128, largest, 5, 0, 64 + 8 * 128 * 128 + len(content), 40, 16 + 8 * 128 * 128, 0, 0, 0, 0, 0, 0)[:36]
+                head = head.ljust(60, b"\0") + struct.pack("<I", 8 * 128 * 128)
+                head = head[:32] + struct.pack("<II", 40, 0) + head[40:]
+                bundle = head + struct.pack(f"<{128 * 128}Q", *index) + content
+                file = f"L{level:02d}/R{row:04x}C{column:04x}.bundle"
+                archive.writestr("tile/" + file, bundle)
+                (cache / "_alllayers" / file).parent.mkdir(parents=True, exist_ok=True)
+                (cache / "_alllayers" / file).write_bytes(bundle)
+        deepest = max(level for level, _, _ in bundles)
+        lods = "".join(f"<LODInfo><LevelID>{level}</LevelID><Resolution>{r!r}</Resolution></LODInfo>" for level, r in enumerate(resolutions[:deepest + 1]))
+        (cache / "conf.xml").write_text(
+            f"<CacheInfo><TileCacheInfo><SpatialReference><WKT>EPSG:3857</WKT></SpatialReference><TileOrigin><X>{-size}</X><Y>{size}</Y></TileOrigin>"
+            f"<TileCols>256</TileCols><TileRows>256</TileRows><LODInfos>{lods}</LODInfos></TileCacheInfo><TileImageInfo><CacheTileFormat>PNG</CacheTileFormat>"
+            "</TileImageInfo><CacheStorageInfo><StorageFormat>esriMapCacheStorageModeCompactV2</StorageFormat><PacketSize>128</PacketSize></CacheStorageInfo>"
+            "</CacheInfo>")
+        return self.folder / name, cache / "conf.xml"
+
     def lossless(self):
         vrt = self.folder / "map.vrt"
         gdal("gdalbuildvrt", "-q", vrt, self.sets.map)
@@ -74,7 +121,8 @@ class ImageryFormats(unittest.TestCase):
                 "JPEG 2000, reversible": self.translated("map.jp2", "-of", "JP2OpenJPEG", "-co", "QUALITY=100", "-co", "REVERSIBLE=YES"),
                 "MBTiles of PNG": self.sets.png,
                 "GeoPackage of PNG": self.translated("map.gpkg", "-of", "GPKG", "-co", "TILE_FORMAT=PNG", "-co", "TILING_SCHEME=GoogleMapsCompatible"),
-                "PMTiles of PNG": self.pmtiles("map.pmtiles", self.sets.png)}
+                "PMTiles of PNG": self.pmtiles("map.pmtiles", self.sets.png),
+                "Esri tile package of PNG": self.tpkx("map.tpkx", self.sets.png)[0]}
 
     def test_what_loses_nothing_gives_the_same_tiles(self):
         code, _, said, package = self.build(self.sets.map)
@@ -106,6 +154,125 @@ class ImageryFormats(unittest.TestCase):
         code, _, said, _ = self.build(vrt)
         self.assertEqual(2, code, said)
 
+    def zarr_of_gdal(self, name):
+        folder = self.folder / name
+        gdal("gdal_translate", "-q", "-of", "Zarr", self.sets.map, folder)
+        return folder
+
+    def zarr_of_cubes(self, name, order, fill_value=None):
+        """Version 2 as its specification has it, without compression: one array of bands, y and x in the given order, in chunks of 500."""
+        side, chunk = ACROSS * 256, 500
+        rgb = self.folder / "map.raw"
+        gdal("gdal_translate", "-q", "-of", "ENVI", "-co", "INTERLEAVE=BIP", self.sets.map, rgb)
+        pixels = rgb.read_bytes()
+        folder = self.folder / name
+        (folder / "map").mkdir(parents=True)
+        shape, chunks = {"band": 3, "y": side, "x": side}, {"band": 3, "y": chunk, "x": chunk}
+        common = {"zarr_format": 2, "compressor": None, "filters": None, "order": "C"}
+        (folder / ".zgroup").write_text('{"zarr_format": 2}')
+        (folder / "map/.zarray").write_text(json.dumps({**common, "shape": [shape[d] for d in order], "chunks": [chunks[d] for d in order], "dtype": "|u1",
+                                                        "fill_value": fill_value}))
+        (folder / "map/.zattrs").write_text(json.dumps({"_ARRAY_DIMENSIONS": list(order), "_CRS": {"url": "http://www.opengis.net/def/crs/EPSG/0/3857"}}))
+        west, north, east, _ = corners()
+        pixel = (east - west) / side
+        for axis, first, step in (("x", west + pixel / 2, pixel), ("y", north - pixel / 2, -pixel)):
+            (folder / axis).mkdir()
+            (folder / axis / ".zarray").write_text(json.dumps({**common, "shape": [side], "chunks": [side], "dtype": "<f8", "fill_value": None}))
+            (folder / axis / ".zattrs").write_text(json.dumps({"_ARRAY_DIMENSIONS": [axis]}))
+            (folder / axis / "0").write_bytes(struct.pack(f"<{side}d", *(first + i * step for i in range(side))))
+        for top in range(0, side, chunk):
+            for left in range(0, side, chunk):
+                rows = []
+                for y in range(top, top + chunk):
+                    row = pixels[3 * (y * side + left):3 * (y * side + min(left + chunk, side))] if y < side else b""
+                    rows.append(row.ljust(3 * chunk, b"\0"))
+                data = b"".join(rows)
+                if order[0] == "band":
+                    data = b"".join(data[band::3] for band in range(3))
+                index = {"band": 0, "y": top // chunk, "x": left // chunk}
+                (folder / "map" / ".".join(str(index[d]) for d in order)).write_bytes(data)
+        return folder
+
+    def test_zarr(self):
+        expected = self.imagery_of(self.build(self.sets.map)[3])["merkle_root"]
+        stores = [self.zarr_of_gdal("gdal.zarr"), self.zarr_of_cubes("byx.zarr", ("band", "y", "x")), self.zarr_of_cubes("yxb.zarr", ("y", "x", "band"))]
+        for store in stores:
+            with self.subTest(store.name):
+                code, _, said, package = self.build(store)
+                self.assertEqual(0, code, said)
+                self.assertEqual(expected, self.imagery_of(package)["merkle_root"])
+
+    def test_zarr_that_is_damaged(self):
+        def spoiled(name, spoil, **how):
+            store = self.zarr_of_cubes(name, ("band", "y", "x"), **how)
+            spoil(store)
+            return store
+
+        def cut(store):
+            chunk = store / "map/0.1.1"
+            chunk.write_bytes(chunk.read_bytes()[:1000])
+        for store, mention in ((spoiled("lost.zarr", lambda store: (store / "map/0.1.1").unlink()), "chunks of a Zarr array are missing"),
+                               (spoiled("cut.zarr", cut), "cut.zarr"),
+                               (spoiled("nowhere.zarr", lambda store: (store / "map/.zattrs").write_text('{"_ARRAY_DIMENSIONS": ["band", "y", "x"]}')),
+                                "coordinate reference system"),
+                               (spoiled("nameless.zarr", lambda store: (store / "map/.zattrs").write_text("{}")), "no array with dimensions x and y"),
+                               (spoiled("garbled.zarr", lambda store: (store / "map/.zarray").write_text("{")), "garbled.zarr")):
+            with self.subTest(store.name):
+                code, _, said, _ = self.build(store)
+                self.assertEqual(2, code, said)
+                self.assertIn(mention, said)
+        # With a fill value a chunk that is not there is no ground: a gap.
+        code, result, said, _ = self.build(spoiled("gap.zarr", lambda store: (store / "map/0.1.1").unlink(), fill_value=0))
+        self.assertEqual(1, code, said)
+        self.assertIn("coverage.gap", [f["code"] for f in result["findings"]])
+
+    # Our tile package is made by this test: another reader must see the same picture in its bundles.
+    def test_the_tile_package_is_one_to_gdal(self):
+        package, cache = self.tpkx("judged.tpkx", self.sets.png)
+        west, north, east, south = corners()
+        size = str(ACROSS * 256)
+        gdal("gdal_translate", "-q", "-b", "1", "-b", "2", "-b", "3", "-projwin", west, north, east, south, "-outsize", size, size, cache, self.folder / "judged.tif")
+        pixels = [subprocess.run(["gdalinfo", "-json", "-checksum", raster], capture_output=True, check=True).stdout
+                  for raster in (self.folder / "judged.tif", self.sets.map)]
+        checksums = [[band["checksum"] for band in json.loads(text)["bands"]][:3] for text in pixels]
+        self.assertEqual(checksums[1], checksums[0])
+
+    def test_tile_packages_that_are_damaged_or_others(self):
+        package, _ = self.tpkx("sound.tpkx", self.sets.png)
+
+        def changed(name, change_root=lambda root: None, change_file=lambda name, data: data):
+            with zipfile.ZipFile(package) as sound, zipfile.ZipFile(self.folder / name, "w") as broken:
+                for entry in sound.namelist():
+                    data = sound.read(entry)
+                    if entry == "root.json":
+                        root = json.loads(data)
+                        change_root(root)
+                        data = json.dumps(root).encode()
+                    data = change_file(entry, data)
+                    if data is not None:
+                        broken.writestr(entry, data)
+            return self.folder / name
+
+        def in_level_17(change):
+            return lambda name, data: change(data) if name.startswith("tile/L17") else data
+
+        def to_lambert(root):
+            root["tileInfo"]["spatialReference"] = {"wkid": 2154, "latestWkid": 2154}
+        for name, mention, broken in (
+                ("empty.zip", "root.json", changed("empty.zip", change_file=lambda name, data: None if name == "root.json" else data)),
+                ("lambert.tpkx", "3857", changed("lambert.tpkx", to_lambert)),
+                ("exploded.tpkx", "esriMapCacheStorageModeCompactV2", changed("exploded.tpkx", lambda root: root["storageInfo"].update(storageFormat="esriMapCacheStorageModeExploded"))),
+                ("shifted.tpkx", "origin", changed("shifted.tpkx", lambda root: root["tileInfo"]["origin"].update(x=0))),
+                ("thirds.tpkx", "zoom of web maps", changed("thirds.tpkx", lambda root: root["tileInfo"]["lods"][3].update(resolution=1000))),
+                ("short.tpkx", "index", changed("short.tpkx", change_file=in_level_17(lambda data: data[:1000]))),
+                ("beyond.tpkx", "inside the bundle", changed("beyond.tpkx", change_file=in_level_17(lambda data: data[:140_000]))),
+                ("garbled.tpkx", "garbled.tpkx", changed("garbled.tpkx", change_file=in_level_17(lambda data: data[:131_136] + bytes(len(data) - 131_136))))):
+            with self.subTest(name):
+                code, _, said, _ = self.build(broken)
+                self.assertEqual(2, code, said)
+                self.assertIn(name, said)
+                self.assertIn(mention, said)
+
     def utm(self, name, *options):
         """The map in UTM, which NITF can state: the middles of its outermost pixels, in whole metres."""
         warped = self.folder / "utm.tif"
@@ -129,6 +296,24 @@ class ImageryFormats(unittest.TestCase):
         self.assertEqual(1, code, said)
         self.assertIn("imagery.coarse_place", [f["code"] for f in result["findings"] if f["severity"] == "refuse"])
         self.assertEqual(0, self.build(coarse, ce90_m=20)[0])
+
+    def test_cadrg(self):
+        west, north, east, south = (math.degrees(corners()[0] / 6378137), mercator_latitude(corners()[1]), math.degrees(corners()[2] / 6378137),
+                                    mercator_latitude(corners()[3]))
+        frame = Frame(west, north, east, south)
+        cadrg = self.folder / "00000000.jn1"
+        cadrg.write_bytes(frame.nitf())
+        (self.folder / "frame.ppm").write_bytes(frame.ppm())
+        plain = self.translated("frame.tif", "-a_srs", "EPSG:4326", "-a_ullr", str(west), str(north), str(east), str(south), source=self.folder / "frame.ppm")
+        expected = self.build(plain)
+        code, _, said, package = self.build(cadrg)
+        self.assertEqual(0, code, said)
+        self.assertEqual(self.imagery_of(expected[3])["merkle_root"], self.imagery_of(package)["merkle_root"])
+        cut = self.folder / "cut.jn1"
+        cut.write_bytes(cadrg.read_bytes()[:cadrg.stat().st_size * 6 // 10])
+        code, _, said, _ = self.build(cut)
+        self.assertEqual(2, code, said)
+        self.assertIn("cut.jn1", said)
 
     def test_terrain_as_hgt_dted_and_cog_is_the_same(self):
         side = 1201  # posts of a cell of one degree, from its north-western corner, row by row
@@ -156,8 +341,6 @@ class ImageryFormats(unittest.TestCase):
         self.assertEqual(made[0], made[2])
 
     def test_what_does_not_work_says_what_to_do(self):
-        zarr = self.translated("map.zarr", "-of", "Zarr")
-        self.assertEqual(2, self.build(zarr)[0])
         mrf = self.translated("map.mrf", "-of", "MRF")
         code, _, said, _ = self.build(mrf)
         self.assertEqual(2, code)

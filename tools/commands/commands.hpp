@@ -28,6 +28,7 @@ std::unique_ptr<Command> make_mission_export();
 std::unique_ptr<Command> make_mission_plan();
 std::unique_ptr<Command> make_mission_predict();
 std::unique_ptr<Command> make_cache_build();
+std::unique_ptr<Command> make_cache_pin();
 std::unique_ptr<Command> make_cache_plan_shards();
 std::unique_ptr<Command> make_cache_merge();
 std::unique_ptr<Command> make_cache_update();

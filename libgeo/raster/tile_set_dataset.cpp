@@ -1,4 +1,4 @@
-#include "raster/pmtiles_dataset.hpp"
+#include "raster/tile_set_dataset.hpp"
 
 #include <gdal_priv.h>
 
@@ -10,6 +10,7 @@
 
 #include "base/error.hpp"
 #include "imagery/pmtiles.hpp"
+#include "raster/tile_package.hpp"
 
 namespace nadir {
 namespace {
@@ -17,9 +18,10 @@ namespace {
 constexpr int kBands = 4;  // red, green, blue, alpha
 constexpr std::array kColours{GCI_RedBand, GCI_GreenBand, GCI_BlueBand, GCI_AlphaBand};
 
-class PmtilesDataset final : public GDALDataset {
+class TileSetDataset final : public GDALDataset {
  public:
-  explicit PmtilesDataset(InputFile file);
+  // keys: of the finest zoom at least.
+  TileSetDataset(std::unique_ptr<TileSource> tiles, const std::vector<TileKey>& keys);
 
   CPLErr GetGeoTransform(double* transform) override {
     const double pixel_m = mercator_pixel_m(zoom_) * kTileSize / side_;
@@ -36,15 +38,16 @@ class PmtilesDataset final : public GDALDataset {
   int side() const { return side_; }
 
  private:
-  PmtilesReader reader_;
+  std::unique_ptr<TileSource> tiles_;
   OGRSpatialReference system_;
-  int zoom_ = 0, side_ = kTileSize;
+  int zoom_;
+  int side_ = kTileSize;
   std::uint32_t west_ = 0, north_ = 0;
 };
 
-class PmtilesBand final : public GDALRasterBand {
+class TileSetBand final : public GDALRasterBand {
  public:
-  PmtilesBand(PmtilesDataset& dataset, int number) {
+  TileSetBand(TileSetDataset& dataset, int number) {
     poDS = &dataset;
     nBand = number;
     eDataType = GDT_Byte;
@@ -55,7 +58,7 @@ class PmtilesBand final : public GDALRasterBand {
  private:
   // The other bands' blocks come with it: a tile is decoded once.
   CPLErr IReadBlock(int column, int row, void* target) override {
-    const auto& dataset = *static_cast<PmtilesDataset*>(poDS);
+    const auto& dataset = *static_cast<TileSetDataset*>(poDS);
     std::vector<std::uint8_t> planes;
     if (const CPLErr error = dataset.read_tile(column, row, planes); error != CE_None) return error;
     const std::size_t size = static_cast<std::size_t>(nBlockXSize) * static_cast<std::size_t>(nBlockYSize);
@@ -74,18 +77,19 @@ class PmtilesBand final : public GDALRasterBand {
   }
 };
 
-PmtilesDataset::PmtilesDataset(InputFile file) : reader_(std::move(file)) {
-  zoom_ = reader_.zooms().max;
+TileSetDataset::TileSetDataset(std::unique_ptr<TileSource> tiles, const std::vector<TileKey>& keys)
+    : tiles_(std::move(tiles)), zoom_(tiles_->zooms().max) {
   std::uint32_t east = 0, south = 0;
   west_ = north_ = ~0U;
   std::optional<TileKey> first;
-  for (const TileKey& key : reader_.keys()) {
+  for (const TileKey& key : keys) {
     if (key.z != zoom_) continue;
     if (!first) first = key;
     west_ = std::min(west_, key.x), east = std::max(east, key.x);
     north_ = std::min(north_, key.y), south = std::max(south, key.y);
   }
-  const ImageInfo info = read_image_info(*reader_.read(*first), "tile " + to_text(*first));
+  if (!first) throw Error({.what = "this tile set is empty"});
+  const ImageInfo info = read_image_info(tiles_->read(*first).value(), "tile " + to_text(*first));
   side_ = info.width;
   const std::int64_t width = (std::int64_t{east} - west_ + 1) * side_,
                      height = (std::int64_t{south} - north_ + 1) * side_;
@@ -98,16 +102,16 @@ PmtilesDataset::PmtilesDataset(InputFile file) : reader_(std::move(file)) {
   nRasterXSize = static_cast<int>(width), nRasterYSize = static_cast<int>(height);
   system_.importFromEPSG(3857);
   system_.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
-  for (int band = 1; band <= kBands; ++band) SetBand(band, new PmtilesBand(*this, band));  // the dataset's from now on
+  for (int band = 1; band <= kBands; ++band) SetBand(band, new TileSetBand(*this, band));  // the dataset's from now on
 }
 
-CPLErr PmtilesDataset::read_tile(int column, int row, std::vector<std::uint8_t>& planes) const {
+CPLErr TileSetDataset::read_tile(int column, int row, std::vector<std::uint8_t>& planes) const {
   const std::size_t size = static_cast<std::size_t>(side_) * static_cast<std::size_t>(side_);
   planes.assign(kBands * size, 0);
   const TileKey key{static_cast<std::uint8_t>(zoom_), west_ + static_cast<std::uint32_t>(column),
                     north_ + static_cast<std::uint32_t>(row)};
   try {
-    const std::optional<Bytes> bytes = reader_.read(key);
+    const std::optional<Bytes> bytes = tiles_->read(key);
     if (!bytes) return CE_None;
     const DecodedImage tile = decode_image(*bytes, Colour::bgr, "tile " + to_text(key));
     if (tile.image.cols != side_ || tile.image.rows != side_) {
@@ -131,16 +135,20 @@ CPLErr PmtilesDataset::read_tile(int column, int row, std::vector<std::uint8_t>&
   }
 }
 
-int identify(GDALOpenInfo* info) {
-  const std::string_view head(reinterpret_cast<const char*>(info->pabyHeader),
-                              static_cast<std::size_t>(info->nHeaderBytes));
-  return head.starts_with(kPmtilesMagic) ? TRUE : FALSE;
+std::string_view head_of(const GDALOpenInfo& info) {
+  return {reinterpret_cast<const char*>(info.pabyHeader), static_cast<std::size_t>(info.nHeaderBytes)};
 }
 
+int is_pmtiles(GDALOpenInfo* info) { return head_of(*info).starts_with(kPmtilesMagic) ? TRUE : FALSE; }
+int is_zip(GDALOpenInfo* info) { return head_of(*info).starts_with(kZipMagic) ? TRUE : FALSE; }
+
+template <typename Reader>
 GDALDataset* open(GDALOpenInfo* info) {
-  if (identify(info) == FALSE || info->eAccess != GA_ReadOnly) return nullptr;
+  if (info->eAccess != GA_ReadOnly) return nullptr;
   try {
-    auto dataset = std::make_unique<PmtilesDataset>(InputFile(info->pszFilename));
+    auto reader = std::make_unique<Reader>(InputFile(info->pszFilename));
+    const std::vector<TileKey> keys = reader->keys();
+    auto dataset = std::make_unique<TileSetDataset>(std::move(reader), keys);
     dataset->SetDescription(info->pszFilename);
     return dataset.release();
   } catch (const std::exception& error) {
@@ -149,16 +157,24 @@ GDALDataset* open(GDALOpenInfo* info) {
   }
 }
 
+using Identify = int (*)(GDALOpenInfo*);
+
+template <typename Reader, Identify identify>
+void register_driver(const char* name, const char* long_name) {
+  auto driver = std::make_unique<GDALDriver>();
+  driver->SetDescription(name);
+  driver->SetMetadataItem(GDAL_DCAP_RASTER, "YES");
+  driver->SetMetadataItem(GDAL_DMD_LONGNAME, long_name);
+  driver->pfnIdentify = identify;
+  driver->pfnOpen = [](GDALOpenInfo* info) { return identify(info) == FALSE ? nullptr : open<Reader>(info); };
+  GetGDALDriverManager()->RegisterDriver(driver.release());  // which owns it
+}
+
 }  // namespace
 
-void register_pmtiles_driver() {
-  auto driver = std::make_unique<GDALDriver>();
-  driver->SetDescription("NadirPMTiles");
-  driver->SetMetadataItem(GDAL_DCAP_RASTER, "YES");
-  driver->SetMetadataItem(GDAL_DMD_LONGNAME, "PMTiles, raster");
-  driver->pfnIdentify = identify;
-  driver->pfnOpen = open;
-  GetGDALDriverManager()->RegisterDriver(driver.release());  // which owns it
+void register_tile_set_drivers() {
+  register_driver<PmtilesReader, is_pmtiles>("NadirPMTiles", "PMTiles, raster");
+  register_driver<TilePackageReader, is_zip>("NadirTPKX", "Esri tile package");
 }
 
 }  // namespace nadir
