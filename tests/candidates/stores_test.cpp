@@ -243,13 +243,21 @@ class AdoptedPack : public ::testing::Test {
     });
     return sha256(bytes);
   }
-  void reject(CandidateCatalogue& catalogue, std::int64_t upload) {
-    TileVerdict verdict{.tile = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts).at(0).id,
-                        .verdict = Verdict::rejected,
-                        .refusal = Refusal{.code = ReasonCode::blurred, .detail = "test"}};
-    catalogue.add_evaluated({{.verdict = verdict, .sidecar = tile_.sidecar, .keyid = tile_.signature.keyid}}, 1,
-                            [](TileVerdict&, const CandidateSidecar&, const CandidateCatalogue::Competitors&) {});
+  void judge(CandidateCatalogue& catalogue, std::int64_t upload, bool damaged) {
+    catalogue.start_judging(upload);
+    const AddressWork::Claim claim = catalogue.work().claim_tiles(upload, 10);
+    const TileVerdict verdict{.tile = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts).at(0).id,
+                              .verdict = Verdict::rejected,
+                              .refusal = Refusal{.code = ReasonCode::blurred, .detail = "test"}};
+    AddressResult result{.key = tile_.sidecar.key};
+    result.judged.push_back(
+        {.verdict = verdict, .keyid = tile_.signature.keyid, .sha256 = tile_.sidecar.sha256, .damaged = damaged});
+    ASSERT_TRUE(catalogue.work().write(claim, {&result, 1}, 1, {}));
   }
+  std::vector<Sha256> finish(CandidateCatalogue& catalogue, std::int64_t upload) {
+    return catalogue.finish_judging(upload).value_or(std::vector<Sha256>());
+  }
+  void reject(CandidateCatalogue& catalogue, std::int64_t upload) { judge(catalogue, upload, false); }
   Bytes read(CandidateCatalogue& catalogue, std::int64_t upload) {
     const auto tiles = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts);
     return store_.read(tiles.at(0).blob.value(), tile_.sidecar.sha256);
@@ -273,7 +281,7 @@ TEST_F(AdoptedPack, SurvivesAConcurrentRemoval) {
   const std::int64_t first = open_upload(judging);
   bring(judging, first);
   reject(judging, first);
-  const std::vector<Sha256> dead = judging.forget_dead_packs(first);
+  const std::vector<Sha256> dead = finish(judging, first);
   EXPECT_EQ(dead, std::vector<Sha256>{pack_});
 
   const std::int64_t second = open_upload(taking_in);
@@ -282,7 +290,7 @@ TEST_F(AdoptedPack, SurvivesAConcurrentRemoval) {
   judging.remove_unused(dead, remove_);
   EXPECT_EQ(read(taking_in, second), tile_.tile) << "the second upload's tile can be judged";
   reject(judging, second);
-  judging.remove_unused(judging.forget_dead_packs(second), remove_);
+  judging.remove_unused(finish(judging, second), remove_);
   EXPECT_TRUE(store_.packs().empty()) << "now it is not needed";
 }
 
@@ -340,10 +348,10 @@ TEST_F(AdoptedPack, IsRemovedWithTheLastPendingVerdict) {
   const std::int64_t first = open_upload(catalogue), second = open_upload(catalogue);
   bring(catalogue, first);
   reject(catalogue, first);
-  catalogue.remove_unused(catalogue.forget_dead_packs(first), remove_);
+  catalogue.remove_unused(finish(catalogue, first), remove_);
   EXPECT_EQ(read(catalogue, second), tile_.tile) << "the second upload brought nothing, and waits";
   reject(catalogue, second);
-  catalogue.remove_unused(catalogue.forget_dead_packs(second), remove_);
+  catalogue.remove_unused(finish(catalogue, second), remove_);
   EXPECT_TRUE(store_.packs().empty());
 }
 
@@ -352,7 +360,7 @@ TEST_F(AdoptedPack, IsRemovedWithTheLastUploadThatNeedsIt) {
   const std::int64_t first = open_upload(catalogue), second = open_upload(catalogue);
   bring(catalogue, first);
   reject(catalogue, first);
-  catalogue.remove_unused(catalogue.forget_dead_packs(first), remove_);
+  catalogue.remove_unused(finish(catalogue, first), remove_);
   EXPECT_EQ(store_.packs().size(), 1U);
   catalogue.remove_unused(catalogue.forget_upload(second), remove_);
   EXPECT_TRUE(store_.packs().empty());
@@ -363,13 +371,8 @@ TEST_F(AdoptedPack, WithoutRemainingTilesIsRemovedWithItsUpload) {
   CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
   const std::int64_t upload = open_upload(catalogue);
   bring(catalogue, upload);
-  TileVerdict verdict{.tile = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts).at(0).id,
-                      .verdict = Verdict::rejected,
-                      .refusal = Refusal{.code = ReasonCode::hash_mismatch, .detail = "test"}};
-  catalogue.add_evaluated(
-      {{.verdict = verdict, .sidecar = tile_.sidecar, .keyid = tile_.signature.keyid, .damaged = true}}, 1,
-      [](TileVerdict&, const CandidateSidecar&, const CandidateCatalogue::Competitors&) {});
-  catalogue.remove_unused(catalogue.forget_dead_packs(upload), remove_);
+  judge(catalogue, upload, true);
+  catalogue.remove_unused(finish(catalogue, upload), remove_);
   EXPECT_TRUE(store_.packs().empty());
 }
 
