@@ -20,11 +20,22 @@ std::uint64_t next_claim_number() {
   return ++last;
 }
 
-// Every row of the table that lies at one of these addresses.
 std::string at_any(const char* table, std::span<const TileKey> keys) {
   std::string text;
+  for (const TileKey& key : keys) {
+    text += fmt::format("{0}({1}.z={2} AND {1}.x={3} AND {1}.y={4})", text.empty() ? "" : " OR ", table, key.z, key.x,
+                        key.y);
+  }
+  return "(" + text + ")";
+}
+
+// "table t", as rows at these addresses alone: found by its index for each of them, whatever the server thinks of the
+// table's size, which it knows of late.
+std::string rows_at(std::span<const TileKey> keys, const std::string& table, const char* t) {
+  std::string text;
   for (const TileKey& key : keys) text += fmt::format("{}({},{},{})", text.empty() ? "" : ",", key.z, key.x, key.y);
-  return fmt::format("({0}.z, {0}.x, {0}.y) IN (VALUES {1})", table, text);
+  return fmt::format("(VALUES {0}) k JOIN {1} {2} ON {2}.z = k.column1 AND {2}.x = k.column2 AND {2}.y = k.column3",
+                     text, table, t);
 }
 
 template <typename Keys>
@@ -170,21 +181,22 @@ AddressWork::Claim AddressWork::claim(std::span<const TileKey> keys, const std::
 
 void AddressWork::read_waiting(std::vector<AddressTask>& addresses, std::span<const TileKey> keys,
                                const std::string& but_tiles) {
-  const auto waiting = candidate_rows::select_tiles(
-      database_,
-      fmt::format("u.state = {} AND v.id IS NULL AND b.id IS NOT NULL AND {}{} ORDER BY t.id",
-                  static_cast<int>(UploadState::judging), at_any("t", keys), but_tiles),
+  std::vector<TileRow> waiting = candidate_rows::select_tiles(
+      database_, rows_at(keys, database_.of("tiles"), "t"),
+      fmt::format("u.state = {} AND v.id IS NULL AND b.id IS NOT NULL{}", static_cast<int>(UploadState::judging),
+                  but_tiles),
       true);
-  for (const TileRow& tile : waiting) of(addresses, tile.key).waiting.push_back(tile);
+  std::ranges::sort(waiting, {}, &TileRow::id);
+  for (TileRow& tile : waiting) of(addresses, tile.key).waiting.push_back(std::move(tile));
 }
 
 void AddressWork::read_standing(std::vector<AddressTask>& addresses, std::span<const TileKey> keys) {
   bool several = false;  // else there are no votes to be read
   database_.select(
       fmt::format("SELECT t.id AS id, t.z AS z, t.x AS x, t.y AS y, t.sidecar AS sidecar, b.pack AS pack, "
-                  "b.start AS start, b.bytes AS bytes, v.to_vote AS to_vote FROM {} t JOIN {} v ON v.tile = t.id "
-                  "JOIN {} b ON b.sha256 = t.sha256 WHERE v.verdict = 0 AND {} ORDER BY t.id",
-                  database_.of("tiles"), database_.of("verdicts"), database_.of("blobs"), at_any("t", keys)),
+                  "b.start AS start, b.bytes AS bytes, v.to_vote AS to_vote FROM {} JOIN {} v ON v.tile = t.id "
+                  "JOIN {} b ON b.sha256 = t.sha256 WHERE v.verdict = 0",
+                  rows_at(keys, database_.of("tiles"), "t"), database_.of("verdicts"), database_.of("blobs")),
       [&](const CatalogueRow& row) {
         AddressCandidates& standing = of(addresses, candidate_rows::key(row)).standing;
         standing.candidates.push_back({.tile = row.integer("id"),
@@ -193,12 +205,14 @@ void AddressWork::read_standing(std::vector<AddressTask>& addresses, std::span<c
         standing.open = standing.open || row.integer("to_vote") == 1;
         several = several || standing.candidates.size() > 1;
       });
+  for (AddressTask& address : addresses)
+    std::ranges::sort(address.standing.candidates, {}, &AcceptedCandidate::tile);
   if (!several) return;
   database_.select(
       fmt::format("SELECT t.z AS z, t.x AS x, t.y AS y, w.tile AS tile, w.other AS other, w.shift_mm AS "
                   "shift_mm, w.allowed_mm AS allowed_mm, w.correlation_ppm AS correlation_ppm, w.agrees AS "
-                  "agrees FROM {} w JOIN {} t ON t.id = w.tile WHERE {} ORDER BY w.tile, w.other",
-                  database_.of("votes"), database_.of("tiles"), at_any("t", keys)),
+                  "agrees FROM {} JOIN {} w ON w.tile = t.id",
+                  rows_at(keys, database_.of("tiles"), "t"), database_.of("votes")),
       [&addresses](const CatalogueRow& row) {
         of(addresses, candidate_rows::key(row))
             .standing.votes.push_back({.tile = row.integer("tile"),
@@ -208,8 +222,8 @@ void AddressWork::read_standing(std::vector<AddressTask>& addresses, std::span<c
                                        .correlation_ppm = row.integer("correlation_ppm"),
                                        .agrees = row.integer("agrees") == 1});
       });
-  database_.select(fmt::format("SELECT p.z AS z, p.x AS x, p.y AS y, p.tile AS tile FROM {} p WHERE p.current = 1 AND {}",
-                               database_.of("promotions"), at_any("p", keys)),
+  database_.select(fmt::format("SELECT p.z AS z, p.x AS x, p.y AS y, p.tile AS tile FROM {} WHERE p.current = 1",
+                               rows_at(keys, database_.of("promotions"), "p")),
                    [&addresses](const CatalogueRow& row) {
                      of(addresses, candidate_rows::key(row)).standing.promoted = row.integer("tile");
                    });
@@ -228,6 +242,7 @@ bool AddressWork::write(const Claim& claim, std::span<AddressResult> results, st
   std::vector<TileVerdict> verdicts;
   std::vector<Vote> votes;
   std::vector<Promotion> promotions;
+  std::vector<TileKey> replaced;
   std::vector<Sha256> damaged;
   std::string closed;
   for (AddressResult& result : results) {
@@ -246,7 +261,9 @@ bool AddressWork::write(const Claim& claim, std::span<AddressResult> results, st
     if (!voted) continue;
     for (const std::int64_t tile : result.standing) append_id(closed, tile);
     votes.insert(votes.end(), result.outcome->new_votes.begin(), result.outcome->new_votes.end());
-    if (result.outcome->promotion) promotions.push_back(*result.outcome->promotion);
+    if (!result.outcome->promotion) continue;
+    promotions.push_back(*result.outcome->promotion);
+    if (result.promoted) replaced.push_back(result.key);
   }
   candidate_rows::insert_verdicts(database_, verdicts, now_ms);
   add_votes(votes);
@@ -255,7 +272,12 @@ bool AddressWork::write(const Claim& claim, std::span<AddressResult> results, st
         fmt::format("UPDATE {} SET to_vote = 0 WHERE to_vote = 1 AND tile IN ({})", database_.of("verdicts"), closed),
         "closing a vote");
   }
-  promote(promotions);
+  if (!replaced.empty()) {
+    database_.change(fmt::format("UPDATE {} SET current = 0 WHERE current = 1 AND {}", database_.of("promotions"),
+                                 at_any("promotions", replaced)),
+                     "replacing promoted tiles");
+  }
+  add_promotions(promotions);
   forget_bytes(damaged);
   writing.commit();
   return true;
@@ -312,13 +334,7 @@ void AddressWork::forget_bytes(std::span<const Sha256> tiles) {
       "removing damaged tiles");
 }
 
-void AddressWork::promote(std::span<const Promotion> promotions) {
-  if (promotions.empty()) return;
-  std::vector<TileKey> keys;
-  for (const Promotion& promotion : promotions) keys.push_back(promotion.key);
-  database_.change(fmt::format("UPDATE {0} SET current = 0 WHERE current = 1 AND {1}", database_.of("promotions"),
-                               at_any("promotions", keys)),
-                   "replacing promoted tiles");
+void AddressWork::add_promotions(std::span<const Promotion> promotions) {
   for (const Promotion& promotion : promotions) {
     const TileKey& key = promotion.key;
     CatalogueRow row = database_.new_row("promotions");
@@ -333,7 +349,7 @@ void AddressWork::promote(std::span<const Promotion> promotions) {
         .shape(polygon_geometry(area_of(key)));
     database_.insert("promotions", row, Insert::bulk);
   }
-  database_.finish_bulk("promotions");
+  if (!promotions.empty()) database_.finish_bulk("promotions");
 }
 
 std::int64_t AddressWork::withdraw(const std::set<std::string>& keys) {

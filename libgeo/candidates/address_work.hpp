@@ -46,6 +46,7 @@ struct AddressResult {
   TileKey key;
   std::vector<Judged> judged{};
   std::vector<std::int64_t> standing{};  // tiles that took part in the vote, besides those judged now
+  std::optional<std::int64_t> promoted{};  // before
   std::optional<Outcome> outcome{};      // none: the address has to be voted on again
 };
 
@@ -87,7 +88,7 @@ class AddressWork {
   std::set<std::int64_t> withdrawn_among(std::span<const AddressResult> results);
   void add_votes(std::span<const Vote> votes);
   void forget_bytes(std::span<const Sha256> tiles);
-  void promote(std::span<const Promotion> promotions);
+  void add_promotions(std::span<const Promotion> promotions);
 
   CatalogueDatabase& database_;
   std::uint64_t locking_ = 0;                                // PostGIS: the claim whose transaction is open

@@ -163,7 +163,7 @@ std::vector<Sha256> CandidateCatalogue::forget_upload(std::int64_t upload) {
 }
 
 std::vector<TileRow> CandidateCatalogue::tiles_of(std::int64_t upload, Detail detail) {
-  return candidate_rows::select_tiles(database_, fmt::format("t.upload = {} ORDER BY t.place", upload),
+  return candidate_rows::select_tiles(database_, database_.of("tiles") + " t", fmt::format("t.upload = {} ORDER BY t.place", upload),
                                       detail == Detail::sidecars);
 }
 

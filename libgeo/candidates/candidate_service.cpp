@@ -205,13 +205,13 @@ Answer<Announcement> CandidateService::announce_batch(const UploadClient& client
 
   std::optional<SignedBatch> batch;
   try {
-    parse_json(body, "the body");
-  } catch (const Error& error) {
-    return Denial{.kind = Kind::malformed, .detail = error.what()};
-  }
-  try {
     batch = parse_batch(body, "the batch");
   } catch (const Error& error) {
+    try {
+      parse_json(body, "the body");
+    } catch (const Error& syntax) {
+      return Denial{.kind = Kind::malformed, .detail = syntax.what()};
+    }
     return Denial{.kind = Kind::batch_invalid, .detail = error.what()};
   }
   if (batch->batch.id != key) {

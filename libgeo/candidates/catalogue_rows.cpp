@@ -69,15 +69,16 @@ std::string quoted(std::span<const Sha256> digests) {
   return list;
 }
 
-std::vector<TileRow> select_tiles(CatalogueDatabase& database, const std::string& where_and_order, bool with_sidecars) {
+std::vector<TileRow> select_tiles(CatalogueDatabase& database, const std::string& from,
+                                  const std::string& where_and_order, bool with_sidecars) {
   std::vector<TileRow> tiles;
   database.select(fmt::format("SELECT t.id AS id, t.upload AS upload, t.z AS z, t.x AS x, t.y AS y, t.place AS place, t.bytes AS size, t.sha256 AS "
                               "sha256, t.keyid AS keyid, {} b.pack AS pack, b.start AS start, b.bytes AS bytes, "
-                              "v.verdict AS verdict, v.code AS code, v.detail AS detail FROM {} t "
+                              "v.verdict AS verdict, v.code AS code, v.detail AS detail FROM {} "
                               "JOIN {} u ON u.id = t.upload LEFT JOIN {} b ON b.sha256 = t.sha256 "
                               "LEFT JOIN {} v ON v.tile = t.id WHERE {}",
-                              with_sidecars ? "t.sidecar AS sidecar," : "", database.of("tiles"),
-                              database.of("uploads"), database.of("blobs"), database.of("verdicts"), where_and_order),
+                              with_sidecars ? "t.sidecar AS sidecar," : "", from, database.of("uploads"),
+                              database.of("blobs"), database.of("verdicts"), where_and_order),
                   [&](const CatalogueRow& row) { tiles.push_back(tile(row, with_sidecars)); });
   return tiles;
 }

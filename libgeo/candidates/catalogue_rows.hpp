@@ -153,8 +153,9 @@ UploadRow upload(const CatalogueRow& row);   // all of `uploads`
 TileRow tile(const CatalogueRow& row, bool with_sidecar);
 std::string quoted(std::span<const Sha256> digests);  // for IN (…)
 
-// Tiles t with their bytes' place b and their verdict v, of those of uploads u that the condition names.
-std::vector<TileRow> select_tiles(CatalogueDatabase& database, const std::string& where_and_order, bool with_sidecars);
+// Tiles t (from: where they come from) of uploads u, with their bytes' place b and their verdict v.
+std::vector<TileRow> select_tiles(CatalogueDatabase& database, const std::string& from,
+                                  const std::string& where_and_order, bool with_sidecars);
 void insert_verdicts(CatalogueDatabase& database, std::span<const TileVerdict> verdicts, std::int64_t now_ms);
 }  // namespace candidate_rows
 

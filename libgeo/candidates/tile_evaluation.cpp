@@ -142,7 +142,7 @@ std::optional<AddressResult::Judged> TileEvaluation::judge_readable(const TileRo
 
 // Verdicts on the tiles that wait, then a vote by all that are accepted.
 AddressResult TileEvaluation::evaluate(const AddressTask& task, std::int64_t now_ms, std::optional<Error>& why_unvoted) {
-  AddressResult result{.key = task.key};
+  AddressResult result{.key = task.key, .promoted = task.standing.promoted};
   AddressCandidates candidates = task.standing;
   for (const AcceptedCandidate& candidate : candidates.candidates) result.standing.push_back(candidate.tile);
   AddressImages images(packs_);
