@@ -44,7 +44,7 @@ std::string at_none(const char* table, const Keys& keys) {
   return list.empty() ? std::string() : fmt::format(" AND NOT ({})", at_any(table, list));
 }
 
-// The one at this address; they are sorted.
+// The one at this address. They are in the order of their keys.
 AddressTask& of(std::vector<AddressTask>& addresses, const TileKey& key) {
   return *std::lower_bound(addresses.begin(), addresses.end(), key,
                            [](const AddressTask& address, const TileKey& wanted) { return address.key < wanted; });
@@ -115,7 +115,7 @@ std::string AddressWork::but_claimed() const {
   return at_none("t", keys);
 }
 
-// Those of tiles t that a statement finds, once for each; PostGIS: locked, until the transaction ends.
+// Those of tiles t that a statement finds, once for each tile; PostGIS: locked, until the transaction ends.
 std::vector<TileKey> AddressWork::lock_addresses(const std::string& from, const std::string& where,
                                                  const std::string& order, std::size_t limit) {
   const bool server = database_.is_server();
@@ -140,34 +140,36 @@ AddressWork::Claim AddressWork::claim_tiles(std::int64_t upload, std::size_t lim
   std::string others;
   for (const std::int64_t tile : but) append_id(others, tile);
   if (!others.empty()) others = fmt::format(" AND t.id NOT IN ({})", others);
-  const std::vector<TileKey> keys = lock_addresses(
+  std::vector<TileKey> keys = lock_addresses(
       fmt::format("{} t JOIN {} b ON b.sha256 = t.sha256", database_.of("tiles"), database_.of("blobs")),
       fmt::format("t.upload = {} AND NOT EXISTS (SELECT 1 FROM {} v WHERE v.tile = t.id){}", upload,
                   database_.of("verdicts"), others),
       "ORDER BY t.place", limit);
-  Claim claimed = claim(keys, others);
-  claimed.more = keys.size() == limit;
+  const bool more = keys.size() == limit;
+  Claim claimed = claim(std::move(keys), others);
+  claimed.more = more;
   return claimed;
 }
 
 AddressWork::Claim AddressWork::claim_votes(std::size_t limit, const std::set<TileKey>& but) {
-  const std::vector<TileKey> keys =
+  return claim(
       lock_addresses(fmt::format("{} v JOIN {} t ON t.id = v.tile", database_.of("verdicts"), database_.of("tiles")),
-                     "v.to_vote = 1" + at_none("t", but), "", limit);
-  return claim(keys, "");
+                     "v.to_vote = 1" + at_none("t", but), "", limit),
+      "");
 }
 
 // Reads what is at the addresses once they are ours: who had them before has committed. PostGIS: they are locked.
-AddressWork::Claim AddressWork::claim(std::span<const TileKey> keys, const std::string& but_tiles) {
+AddressWork::Claim AddressWork::claim(std::vector<TileKey> keys, const std::string& but_tiles) {
   if (keys.empty()) return {};
-  std::set<TileKey> sorted(keys.begin(), keys.end());
+  std::ranges::sort(keys);
+  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());  // several tiles may have asked for one
   Claim claim{.number = next_claim_number()};
   std::vector<AddressTask>& addresses = claim.addresses;
-  for (const TileKey& key : sorted) addresses.push_back({.key = key, .standing = {.key = key}});
+  for (const TileKey& key : keys) addresses.push_back({.key = key, .standing = {.key = key}});
   if (database_.is_server()) {
     locking_ = claim.number;
   } else {
-    claimed_.emplace(claim.number, std::vector<TileKey>(sorted.begin(), sorted.end()));
+    claimed_.emplace(claim.number, keys);
   }
   try {
     read_waiting(addresses, keys, but_tiles);

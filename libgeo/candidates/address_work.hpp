@@ -80,7 +80,7 @@ class AddressWork {
   class Writing;
   std::vector<TileKey> lock_addresses(const std::string& from, const std::string& where, const std::string& order,
                                       std::size_t limit);
-  Claim claim(std::span<const TileKey> keys, const std::string& but_tiles);
+  Claim claim(std::vector<TileKey> keys, const std::string& but_tiles);
   std::string but_claimed() const;
   void read_waiting(std::vector<AddressTask>& addresses, std::span<const TileKey> keys, const std::string& but_tiles);
   void read_standing(std::vector<AddressTask>& addresses, std::span<const TileKey> keys);

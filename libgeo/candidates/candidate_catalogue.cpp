@@ -216,6 +216,13 @@ CatalogueCounts CandidateCatalogue::counts() {
       fmt::format("SELECT code, count(*) AS n FROM {} WHERE verdict = 1 GROUP BY code ORDER BY code",
                   database_.of("verdicts")),
       [&](const CatalogueRow& row) { counts.rejected_by.emplace_back(row.text("code"), row.integer("n")); });
+  if (!database_.is_server()) return counts;
+  database_.select(
+      fmt::format("SELECT count(*) AS n, coalesce(max(extract(epoch FROM now() - a.xact_start) * 1000), 0)::bigint AS ms "
+                  "FROM pg_locks l JOIN pg_stat_activity a ON a.pid = l.pid "
+                  "WHERE l.relation = to_regclass('{}') AND l.mode = 'RowShareLock'",
+                  database_.of("addresses")),
+      [&](const CatalogueRow& row) { counts.claims = row.integer("n"), counts.oldest_claim_ms = row.integer("ms"); });
   return counts;
 }
 

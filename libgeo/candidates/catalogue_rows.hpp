@@ -135,6 +135,8 @@ struct CatalogueCounts {
   std::int64_t uploads = 0, open = 0, judging = 0;
   std::int64_t tiles = 0, accepted = 0, rejected = 0, duplicate = 0;
   std::int64_t to_vote = 0, promoted = 0;
+  std::int64_t claims = 0;       // of addresses that workers hold now, and how old the oldest of them is; PostGIS alone
+  std::int64_t oldest_claim_ms = 0;
   std::vector<std::pair<std::string, std::int64_t>> rejected_by;  // code, tiles
 };
 

@@ -376,6 +376,118 @@ TEST_F(AdoptedPack, WithoutRemainingTilesIsRemovedWithItsUpload) {
   EXPECT_TRUE(store_.packs().empty());
 }
 
+// Two workers: on PostGIS each with a connection of its own, on SpatiaLite both with the service's.
+class ClaimedAddress : public AdoptedPack {
+ protected:
+  void SetUp() override {
+    if (!server()) return;
+    CandidateCatalogue other(location(), CandidateCatalogue::Access::write);  // what other tests have left
+    for (const UploadRow& upload : other.uploads_in(UploadState::judging)) other.forget_upload(upload.id);
+  }
+  bool server() const { return location().kind == CatalogueLocation::Kind::postgres; }
+  AddressWork& second() {
+    if (!server()) return first_.work();
+    if (!second_) second_.emplace(location(), CandidateCatalogue::Access::write);
+    return second_->work();
+  }
+  std::vector<Candidate> row(std::uint32_t count) const {
+    std::vector<Candidate> tiles;
+    for (const TileKey& key : test::keys_in_a_row(count)) tiles.push_back(flight_.candidate(key));
+    return tiles;
+  }
+  std::int64_t judging(const std::vector<Candidate>& tiles) {
+    const std::int64_t upload = open_upload(first_, tiles);
+    bring(first_, upload, tiles);
+    first_.start_judging(upload);
+    return upload;
+  }
+  static std::vector<TileKey> keys_of(const AddressWork::Claim& claim) {
+    std::vector<TileKey> keys;
+    for (const AddressTask& address : claim.addresses) keys.push_back(address.key);
+    return keys;
+  }
+  // As a worker that accepts everything, without a vote.
+  static std::vector<AddressResult> accepting(const AddressWork::Claim& claim) {
+    std::vector<AddressResult> results;
+    for (const AddressTask& address : claim.addresses) {
+      AddressResult& result = results.emplace_back(AddressResult{.key = address.key});
+      for (const TileRow& tile : address.waiting)
+        result.judged.push_back({.verdict = {.tile = tile.id}, .keyid = tile.keyid, .sha256 = tile.sha256});
+    }
+    return results;
+  }
+
+  CandidateCatalogue first_{location(), CandidateCatalogue::Access::write};
+  std::optional<CandidateCatalogue> second_;
+};
+
+TEST_F(ClaimedAddress, IsOfOneWorkerUntilItsEnd) {
+  const auto tiles = row(3);
+  const std::int64_t upload = judging(tiles);
+  const AddressWork::Claim two = first_.work().claim_tiles(upload, 2);
+  EXPECT_EQ(two.addresses.size(), 2U);
+  EXPECT_TRUE(two.more);
+  const AddressWork::Claim rest = second().claim_tiles(upload, 2);
+  EXPECT_EQ(keys_of(rest), std::vector<TileKey>{tiles[2].sidecar.key});
+  EXPECT_FALSE(rest.more);
+  first_.work().release(two);
+  second().release(rest);
+  EXPECT_EQ(second().claim_tiles(upload, 10).addresses.size(), 3U) << "what is given back is there again";
+}
+
+TEST_F(ClaimedAddress, BringsTheTilesOfEveryCompleteUpload) {
+  const auto tiles = row(1);
+  const std::int64_t one = judging(tiles), two = judging(tiles);
+  open_upload(first_, tiles);  // not complete
+  AddressWork::Claim claim = second().claim_tiles(two, 10);
+  ASSERT_EQ(claim.addresses.size(), 1U);
+  ASSERT_EQ(claim.addresses[0].waiting.size(), 2U);
+  EXPECT_EQ(claim.addresses[0].waiting[0].upload, one) << "in the order of their announcement";
+  auto results = accepting(claim);
+  ASSERT_TRUE(second().write(claim, results, 1, {}));
+  EXPECT_TRUE(first_.work().claim_tiles(one, 10).addresses.empty());
+  claim = second().claim_votes(10);
+  ASSERT_EQ(claim.addresses.size(), 1U) << "the vote is due";
+  EXPECT_EQ(claim.addresses[0].standing.candidates.size(), 2U);
+  second().release(claim);
+  EXPECT_TRUE(first_.finish_judging(one));
+  EXPECT_FALSE(first_.finish_judging(one)) << "once";
+}
+
+TEST_F(ClaimedAddress, ThatWasLostIsNotWritten) {
+  const std::int64_t upload = judging(row(2));
+  const AddressWork::Claim claim = first_.work().claim_tiles(upload, 10);
+  auto results = accepting(claim);
+  first_.work().release(claim);
+  EXPECT_FALSE(first_.work().write(claim, results, 1, {}));
+  const AddressWork::Claim again = second().claim_tiles(upload, 10);
+  auto others = accepting(again);
+  EXPECT_TRUE(second().write(again, others, 1, {}));
+}
+
+// Ground stations do not wait for workers: while one holds an address, others announce, send and complete.
+TEST_F(ClaimedAddress, KeepsNoStationWaiting) {
+  const auto tiles = row(1);
+  const std::int64_t upload = judging(tiles);
+  const AddressWork::Claim claim = second().claim_tiles(upload, 10);
+  const std::int64_t next = judging(tiles);
+  auto results = accepting(claim);
+  ASSERT_TRUE(second().write(claim, results, 1, {}));
+  EXPECT_EQ(first_.work().claim_tiles(next, 10).addresses.size(), 1U);
+}
+
+TEST_F(ClaimedAddress, OfARevokedKeyIsRejected) {
+  const std::int64_t upload = judging(row(2));
+  const AddressWork::Claim claim = second().claim_tiles(upload, 10);
+  auto results = accepting(claim);
+  std::set<std::string> revoked{tile_.signature.keyid};
+  first_.work().withdraw(revoked);
+  if (server()) revoked.clear();  // a worker elsewhere does not know the newest root: the catalogue does
+  ASSERT_TRUE(second().write(claim, results, 1, revoked));
+  for (const TileRow& tile : first_.tiles_of(upload, CandidateCatalogue::Detail::verdicts))
+    EXPECT_EQ(tile.code, ReasonCode::airframe_revoked);
+}
+
 class SparePack : public test::ServiceFixture {};
 
 // Both announce it before either has sent it: each is asked to send, and the bytes are stored once.

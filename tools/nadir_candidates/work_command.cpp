@@ -24,7 +24,7 @@ namespace nadir {
 namespace {
 
 constexpr auto kLookAtSignals = std::chrono::milliseconds(100);
-constexpr auto kLookAtFaults = std::chrono::seconds(5);
+constexpr auto kLookAtFaults = std::chrono::seconds(1);
 
 bool nothing_left(const CatalogueLocation& location) {
   const CatalogueCounts counts = CandidateCatalogue(location, CandidateCatalogue::Access::read).counts();
