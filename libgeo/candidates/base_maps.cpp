@@ -76,6 +76,12 @@ BaseMaps::BaseMaps(std::span<const fs::path> packages, const TrustRoot& root, Ut
   }
 }
 
+std::set<Sha256> BaseMaps::packages() const {
+  std::set<Sha256> digests;
+  for (const auto& [digest, package] : packages_) digests.insert(digest);
+  return digests;
+}
+
 std::optional<BaseTile> BaseMaps::tile(const Sha256& manifest, const TileKey& key) const {
   const auto found = packages_.find(manifest);
   if (found == packages_.end()) return std::nullopt;

@@ -8,6 +8,7 @@
 #include <memory>
 #include <opencv2/core/mat.hpp>
 #include <optional>
+#include <set>
 #include <span>
 
 #include "base/digest.hpp"
@@ -34,7 +35,7 @@ class BaseMaps {
 
   // Whether flights over this package may send candidates: any may where the operator names no packages.
   bool takes(const Sha256& manifest) const { return packages_.empty() || packages_.contains(manifest); }
-  std::size_t count() const { return packages_.size(); }
+  std::set<Sha256> packages() const;  // their manifests
 
   // Whole tiles only. nullopt where the package is not known, or has no such tile. For any thread.
   std::optional<BaseTile> tile(const Sha256& manifest, const TileKey& key) const;

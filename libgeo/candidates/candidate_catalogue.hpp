@@ -9,6 +9,7 @@
 #include <span>
 #include <string_view>
 
+#include "candidates/address_work.hpp"
 #include "candidates/catalogue_rows.hpp"
 #include "catalogue/database.hpp"
 
@@ -16,7 +17,7 @@ namespace nadir {
 
 // The texts of catalogue_spatialite.sql and catalogue_postgis.sql.
 namespace candidate_sql {
-extern const std::string_view spatialite, postgis, spatialite_views, postgis_views;
+extern const std::string_view spatialite, postgis, spatialite_views, postgis_views, postgis_shared;
 }
 
 CatalogueLayout candidate_catalogue_layout();
@@ -37,16 +38,18 @@ class CandidateCatalogue {
   // announced a moment ago by another call, that one's.
   std::int64_t open_upload(const UploadRow& upload, const Batch& batch,
                            std::span<const std::optional<Refusal>> refusals, std::int64_t now_ms);
-  void set_state(std::int64_t upload, UploadState state);
+  // All its tiles are there. From now on workers find them.
+  void start_judging(std::int64_t upload);
+  // Once all its tiles have verdicts: judged. Returns those of its packs, and of those in which tiles of it lie, of which
+  // no tile is accepted or waits: their tiles are forgotten, and the files are for remove_unused(). nullopt: some tiles
+  // of the upload wait, or it was judged before.
+  std::optional<std::vector<Sha256>> finish_judging(std::int64_t upload);
   // With its tiles and their verdicts. Returns the packs that are no longer needed, for remove_unused().
   std::vector<Sha256> forget_upload(std::int64_t upload);
 
   // In the batch's order.
   enum class Detail { verdicts, sidecars };
   std::vector<TileRow> tiles_of(std::int64_t upload, Detail detail);
-  // Those whose bytes are there and that have no verdict, with their sidecars, but for some.
-  std::vector<TileRow> tiles_to_judge(std::int64_t upload, std::size_t limit, const std::set<std::int64_t>& but = {});
-
   // From now on the pack's tiles are there. keep() puts its file into place within the transaction: whoever would
   // remove it (remove_unused()) comes before or after. It is not called for a pack all of whose tiles lie in other
   // packs: that file would never be read. Throws Error when the upload was forgotten meanwhile.
@@ -57,41 +60,15 @@ class CandidateCatalogue {
   void add_pack(std::int64_t upload, const Sha256& pack, std::uint64_t bytes, std::span<const PackedTile> tiles,
                 const std::function<void()>& keep);
   std::optional<std::uint64_t> pack_size(std::int64_t upload, const Sha256& pack);
-  // Packs of the upload, and those in which tiles of it lie, of which no tile is accepted or waits. Their tiles are
-  // forgotten; the files are for remove_unused().
-  std::vector<Sha256> forget_dead_packs(std::int64_t upload);
   // Those of the packs in which no tile lies, and none comes to lie before remove() returns: since it was forgotten,
   // another upload may have brought the very same pack.
   void remove_unused(std::span<const Sha256> packs, const std::function<void(const Sha256&)>& remove);
   std::set<Sha256> packs();
 
-  // Asks decide() about one tile after the other, in one transaction: it changes the verdict, knowing what was accepted
-  // before, also of those in front of it.
-  struct Question {
-    TileVerdict verdict;  // by the tile alone
-    CandidateSidecar sidecar;
-    std::string keyid;
-    // The bytes that are there are not the tile's. Where they lie is forgotten, unless an accepted or a waiting tile
-    // has the same digest: announced again, the tile is missing and can be sent.
-    bool damaged = false;
-  };
-  struct Competitors {
-    bool same_bytes = false;                     // this very digest was accepted
-    std::optional<std::int64_t> of_flight_mm{};  // cost_mm of the flight's best tile at this address
-  };
-  using Decide = std::function<void(TileVerdict& verdict, const CandidateSidecar& sidecar, const Competitors& rivals)>;
-  void add_evaluated(std::vector<Question> questions, std::int64_t now_ms, const Decide& decide);
-
   Usage usage_of(const std::string& airframe, std::int64_t since_ms);
   std::int64_t refused_batches_of(const std::string& client, std::int64_t since_ms);  // every tile of them
 
-  // Up to `limit` addresses with accepted tiles that have not been voted on, except those in `but`.
-  std::vector<AddressCandidates> open_addresses(std::size_t limit, const std::set<TileKey>& but = {});
-  // Stores the outcomes. An address with a tile that was withdrawn meanwhile stays open.
-  void close(std::span<const AddressCandidates> addresses, std::span<const Outcome> outcomes);
-  // Accepted tiles that these keys have signed become rejected; what was promoted at their addresses is so no more, and
-  // the others are voted on again. Returns how many tiles.
-  std::int64_t withdraw(const std::set<std::string>& keys);
+  AddressWork& work() { return work_; }
 
   void each_promoted(const std::function<void(const PromotedTile&)>& visit);  // in the order of TileKey
   CatalogueCounts counts();
@@ -99,15 +76,13 @@ class CandidateCatalogue {
 
  private:
   std::optional<UploadRow> find_upload(const std::string& where);
-  void forget_bytes(std::span<const Sha256> tiles);
-  void add_verdicts(std::span<const TileVerdict> verdicts, std::int64_t now_ms);
-  std::vector<TileRow> select_tiles(const std::string& where_and_order, Detail detail);
+  void set_state(std::int64_t upload, UploadState state);
   std::set<Sha256> packs_about(std::int64_t upload);
   std::vector<Sha256> drop_dead(std::set<Sha256> packs);
-  void promote(const Promotion& promotion);
   std::int64_t number(const std::string& sql);
 
   CatalogueDatabase database_;
+  AddressWork work_{database_};
 };
 
 }  // namespace nadir

@@ -68,7 +68,8 @@ CandidateService::CandidateService(CandidateServiceOptions options, const Clock&
       maps_(options_.packages, *trust_.current(), clock_.now()),
       catalogue_(options_.catalogue, CandidateCatalogue::Access::write),
       intake_(options_.data / "incoming", packs_, catalogue_, audit_, clock_, options_.packs),
-      evaluation_(catalogue_, packs_, maps_, trust_, audit_, clock_, options_.rules) {}
+      evaluation_(
+          packs_, maps_, [this] { return trust_.current(); }, audit_, clock_, options_.rules) {}
 
 ServiceFault CandidateService::fault() {
   try {
@@ -204,13 +205,13 @@ Answer<Announcement> CandidateService::announce_batch(const UploadClient& client
 
   std::optional<SignedBatch> batch;
   try {
-    parse_json(body, "the body");
-  } catch (const Error& error) {
-    return Denial{.kind = Kind::malformed, .detail = error.what()};
-  }
-  try {
     batch = parse_batch(body, "the batch");
   } catch (const Error& error) {
+    try {
+      parse_json(body, "the body");
+    } catch (const Error& syntax) {
+      return Denial{.kind = Kind::malformed, .detail = syntax.what()};
+    }
     return Denial{.kind = Kind::batch_invalid, .detail = error.what()};
   }
   if (batch->batch.id != key) {
@@ -336,7 +337,7 @@ Answer<Completion> CandidateService::take_complete(const UploadClient& client, c
     return missing;
   }
   if (upload.state == UploadState::open) {
-    catalogue_.call([&upload](CandidateCatalogue& catalogue) { catalogue.set_state(upload.id, UploadState::judging); });
+    catalogue_.call([&upload](CandidateCatalogue& catalogue) { catalogue.start_judging(upload.id); });
     audit_.record({.act = "upload.complete",
                    .result = "taken",
                    .token = client.token,

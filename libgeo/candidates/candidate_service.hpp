@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <variant>
@@ -73,10 +74,13 @@ class CandidateService {
   std::vector<InstalledStore::Entry> installed() const { return installed_.list(); }
 
   // Pieces of work (tile_evaluation.hpp).
-  std::vector<std::pair<std::string, std::int64_t>> pending_evaluations() { return evaluation_.pending(); }
-  bool evaluate_some(std::int64_t upload) { return evaluation_.evaluate_some(upload); }
-  bool vote_some() { return evaluation_.vote_some(); }
-  std::int64_t apply_revocations() { return evaluation_.apply_revocations(); }
+  std::vector<std::pair<std::string, std::int64_t>> pending_evaluations() { return evaluation_.pending(catalogue_); }
+  bool evaluate_some(std::int64_t upload) { return evaluation_.evaluate_some(catalogue_, upload).more; }
+  bool vote_some() { return evaluation_.vote_some(catalogue_).more; }
+  std::int64_t apply_revocations() { return evaluation_.apply_revocations(catalogue_); }
+  // Who does it: threads of this process (evaluation_workers.hpp).
+  TileEvaluation& evaluation() { return evaluation_; }
+  CatalogueThread& catalogue() { return catalogue_; }
 
   void forget_expired();
   // Now and then: writes to the audit log what has changed by itself, such as the trust root's version.
@@ -86,6 +90,7 @@ class CandidateService {
   ServiceFault fault();
   std::string root_fault() { return trust_.fault(); }  // why the trust root's file is rejected; empty: it is not
   std::int64_t root_version() { return trust_.current()->version; }
+  std::set<Sha256> base_packages() const { return maps_.packages(); }
   bool first_trust() const { return trust_.first_start(); }
   AuditLog& audit() { return audit_; }
   UtcTime now() const { return clock_.now(); }

@@ -4,10 +4,12 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "base/digest.hpp"
+#include "catalogue/database.hpp"
 #include "ortho/candidate_store.hpp"
 #include "upload/batch.hpp"
 #include "upload/reason_code.hpp"
@@ -55,7 +57,14 @@ struct TileVerdict {
   std::optional<Refusal> refusal{};
   std::string detail{};
   std::optional<OwnMeasures> measures{};
+  bool voted = false;  // its address was voted on with it
 };
+
+inline TileVerdict revoked_verdict(std::int64_t tile) {
+  return {.tile = tile,
+          .verdict = Verdict::rejected,
+          .refusal = Refusal{.code = ReasonCode::airframe_revoked, .detail = kRevokedLater}};
+}
 
 // Where the bytes of a digest lie.
 struct BlobPlace {
@@ -66,6 +75,8 @@ struct BlobPlace {
 
 struct TileRow {
   std::int64_t id = 0;
+  std::int64_t upload = 0;
+  TileKey key;
   std::int64_t place = 0;  // in its batch
   std::uint64_t size = 0;  // as announced, bytes
   Sha256 sha256;
@@ -106,6 +117,7 @@ struct AddressCandidates {
   std::vector<AcceptedCandidate> candidates{};
   std::vector<Vote> votes{};
   std::optional<std::int64_t> promoted{};
+  bool open = false;  // a candidate has come, or gone, since the last vote
 };
 
 struct Outcome {
@@ -123,6 +135,8 @@ struct CatalogueCounts {
   std::int64_t uploads = 0, open = 0, judging = 0;
   std::int64_t tiles = 0, accepted = 0, rejected = 0, duplicate = 0;
   std::int64_t to_vote = 0, promoted = 0;
+  std::int64_t claims = 0;       // of addresses that workers hold now, and how old the oldest of them is; PostGIS alone
+  std::int64_t oldest_claim_ms = 0;
   std::vector<std::pair<std::string, std::int64_t>> rejected_by;  // code, tiles
 };
 
@@ -131,5 +145,20 @@ struct Usage {
   std::int64_t tiles = 0;
   std::int64_t bytes = 0;
 };
+
+// How the tables' rows become these values. Each throws Error for what no service wrote.
+namespace candidate_rows {
+Sha256 digest(const CatalogueRow& row, const char* column);
+TileKey key(const CatalogueRow& row);        // columns z, x, y
+BlobPlace blob(const CatalogueRow& row);     // pack, start, bytes
+UploadRow upload(const CatalogueRow& row);   // all of `uploads`
+TileRow tile(const CatalogueRow& row, bool with_sidecar);
+std::string quoted(std::span<const Sha256> digests);  // for IN (…)
+
+// Tiles t (from: where they come from) of uploads u, with their bytes' place b and their verdict v.
+std::vector<TileRow> select_tiles(CatalogueDatabase& database, const std::string& from,
+                                  const std::string& where_and_order, bool with_sidecars);
+void insert_verdicts(CatalogueDatabase& database, std::span<const TileVerdict> verdicts, std::int64_t now_ms);
+}  // namespace candidate_rows
 
 }  // namespace nadir

@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <opencv2/imgproc.hpp>
+#include <vector>
 
 #include "base/error.hpp"
 #include "geodesy/local_frame.hpp"
@@ -129,18 +131,21 @@ namespace {
 constexpr double kPpm = 1e6;
 constexpr int kBlur_px = 5;
 
-// Mean length of the gradient, from differences of neighbours.
+// Mean length of the gradient, from differences of neighbours. Summed by columns: so the processor takes several pixels
+// at a time.
 double mean_gradient(const cv::Mat& grey) {
-  double sum = 0;
+  const int columns = grey.cols - 1;
+  std::vector<float> sums(static_cast<std::size_t>(columns));
   for (int row = 0; row + 1 < grey.rows; ++row) {
     const std::uint8_t* here = grey.ptr<std::uint8_t>(row);
     const std::uint8_t* below = grey.ptr<std::uint8_t>(row + 1);
-    for (int column = 0; column + 1 < grey.cols; ++column) {
-      const double right = here[column + 1] - here[column], down = below[column] - here[column];
-      sum += std::sqrt(right * right + down * down);
+    float* sum = sums.data();
+    for (int column = 0; column < columns; ++column) {
+      const int right = here[column + 1] - here[column], down = below[column] - here[column];
+      sum[column] += std::sqrt(static_cast<float>(right * right + down * down));
     }
   }
-  return sum / (static_cast<double>(grey.rows - 1) * (grey.cols - 1));
+  return std::accumulate(sums.begin(), sums.end(), 0.0) / (static_cast<double>(grey.rows - 1) * columns);
 }
 
 }  // namespace
@@ -197,56 +202,6 @@ std::optional<Refusal> check_image_metrics(const ImageMetrics& metrics, const Ca
         .detail = fmt::format("sharpness {} ppm; at least {}", metrics.sharpness_ppm, rules.min_sharpness_ppm)};
   }
   return std::nullopt;
-}
-
-namespace {
-
-constexpr int kMean_px = 25;
-
-cv::Mat fine_structure(const cv::Mat& grey) {
-  cv::Mat values, mean;
-  grey.convertTo(values, CV_32F);
-  cv::blur(values, mean, {kMean_px, kMean_px}, {-1, -1}, cv::BORDER_REFLECT);
-  return values - mean;
-}
-
-// Pearson's coefficient; 0 for an image without structure.
-double coefficient(const cv::Mat& one, const cv::Mat& other) {
-  cv::Scalar mean_one, deviation_one, mean_other, deviation_other;
-  cv::meanStdDev(one, mean_one, deviation_one);
-  cv::meanStdDev(other, mean_other, deviation_other);
-  const double product = deviation_one[0] * deviation_other[0];
-  if (!(product > 1e-9)) return 0;
-  return (one.dot(other) / static_cast<double>(one.total()) - mean_one[0] * mean_other[0]) / product;
-}
-
-// Moves `other` by the shift; the overlap of the two.
-double coefficient_at(const cv::Mat& one, const cv::Mat& other, const cv::Point2d& shift) {
-  const cv::Mat move = (cv::Mat_<double>(2, 3) << 1, 0, -shift.x, 0, 1, -shift.y);
-  cv::Mat moved;
-  cv::warpAffine(other, moved, move, other.size(), cv::INTER_LINEAR, cv::BORDER_REFLECT);
-  const int left = std::max(0, static_cast<int>(std::ceil(-shift.x))),
-            top = std::max(0, static_cast<int>(std::ceil(-shift.y)));
-  const int right = one.cols - std::max(0, static_cast<int>(std::ceil(shift.x)));
-  const int bottom = one.rows - std::max(0, static_cast<int>(std::ceil(shift.y)));
-  // An overlap of less than a quarter of the tile is not evaluated.
-  if (right - left < one.cols / 2 || bottom - top < one.rows / 2) return 0;
-  const cv::Rect common(left, top, right - left, bottom - top);
-  return coefficient(one(common).clone(), moved(common).clone());
-}
-
-}  // namespace
-
-Agreement compare_images(const cv::Mat& one, const cv::Mat& other) {
-  const cv::Mat fine_one = fine_structure(one), fine_other = fine_structure(other);
-  cv::Mat window;
-  cv::createHanningWindow(window, one.size(), CV_32F);
-  const cv::Point2d shift = cv::phaseCorrelate(fine_one, fine_other, window);
-  if (!std::isfinite(shift.x) || !std::isfinite(shift.y)) return {};
-  // No shift may be better than a false peak.
-  const double there = coefficient_at(fine_one, fine_other, shift), here = coefficient_at(fine_one, fine_other, {});
-  if (here >= there) return {.shift_px = 0, .correlation = here};
-  return {.shift_px = std::hypot(shift.x, shift.y), .correlation = there};
 }
 
 }  // namespace nadir

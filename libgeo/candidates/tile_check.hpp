@@ -1,5 +1,5 @@
-// Checks of a candidate tile: its sidecar before any byte of its image is received, the image itself, and whether two
-// images of one tile show the same ground at the same place.
+// Checks of a candidate tile: its sidecar before any byte of its image is received, and the image itself. What two
+// images say of each other: image_agreement.hpp.
 //
 // Signatures are checked first, by the caller: an unsigned sidecar proves nothing.
 #pragma once
@@ -37,18 +37,5 @@ struct ImageMetrics {
 ImageMetrics image_metrics(const cv::Mat& grey);
 
 std::optional<Refusal> check_image_metrics(const ImageMetrics& metrics, const CandidateRules& rules);
-
-// Whether two images of one tile show the same ground, and how far they are shifted.
-//
-// Their local means over 25 pixels are subtracted: light and season change those more than the fine structure. The
-// shift is the peak of the phase correlation (cv::phaseCorrelate, Foroosh et al. 2002, to a fraction of a pixel);
-// agreement there is Pearson's correlation coefficient of the overlap (-1 to 1).
-struct Agreement {
-  double shift_px = 0;  // length
-  double correlation = 0;
-};
-
-// Both CV_8UC1 and of the same size. Symmetric except for rounding.
-Agreement compare_images(const cv::Mat& one, const cv::Mat& other);
 
 }  // namespace nadir

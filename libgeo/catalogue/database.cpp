@@ -107,11 +107,14 @@ CatalogueDatabase::CatalogueDatabase(const CatalogueLocation& location, Access a
     }
     if (access == Access::write) {
       execute("SET lock_timeout = '60s'", "setting up the connection");
+      limit_silence();
       if (!has_catalogue()) create_schema();
     }
   }
   check_format();
-  if (access == Access::write) add_views();
+  if (access == Access::read) return;
+  add_views();
+  if (is_server()) add_shared_tables();
 }
 
 CatalogueDatabase::~CatalogueDatabase() {
@@ -264,6 +267,37 @@ void CatalogueDatabase::add_views() {
   }
 }
 
+bool CatalogueDatabase::has_shared_tables() {
+  return layout_.last_shared.empty() ||
+         query_value(fmt::format("SELECT 1 FROM pg_tables WHERE schemaname = '{}' AND tablename = '{}'", layout_.schema,
+                                 layout_.last_shared))
+             .has_value();
+}
+
+void CatalogueDatabase::add_shared_tables() {
+  if (has_shared_tables()) return;
+  try {
+    begin();
+    if (!has_shared_tables()) {
+      for (const std::string& statement : statements_of(layout_.postgis_shared)) {
+        execute(statement, "creating the catalogue's tables");
+      }
+    }
+    commit();
+  } catch (const Error& error) {
+    throw Error({.what = "the catalogue lacks a table of this version, and it cannot be created",
+                 .where = location_.shown,
+                 .expected = fmt::format("the table {}.{}", layout_.schema, layout_.last_shared),
+                 .found = error.text().found,
+                 .fix = fmt::format("run `{}` once as the owner of the schema {}", layout_.maker, layout_.schema)});
+  }
+}
+
+void CatalogueDatabase::limit_silence() {
+  if (query_value("SHOW idle_in_transaction_session_timeout") != "0") return;
+  execute(fmt::format("SET idle_in_transaction_session_timeout = '{}s'", kSilence_s), "setting up the connection");
+}
+
 void CatalogueDatabase::execute(const std::string& sql, const char* doing) {
   errors_->clear();
   if (OGRLayer* result = dataset_->ExecuteSQL(sql.c_str(), nullptr, nullptr); result != nullptr) {
@@ -316,6 +350,16 @@ void CatalogueDatabase::begin() {
     }
     std::this_thread::sleep_for(kRetryInterval);
   }
+}
+
+void CatalogueDatabase::begin_beside_others() {
+  errors_->clear();
+  if (dataset_->StartTransaction() != OGRERR_NONE) fail("a transaction cannot be started");
+  in_transaction_ = true;
+}
+
+void CatalogueDatabase::join_writers() {
+  execute("LOCK TABLE " + of("catalogue") + " IN ROW SHARE MODE", "waiting for another writer");
 }
 
 void CatalogueDatabase::commit() {
@@ -475,6 +519,8 @@ constexpr std::array kErrorAdvice{
     ErrorAdvice{"no pg_hba.conf entry", "the server does not accept this user from this host: ask its administrator"},
     ErrorAdvice{"server closed the connection",
                 "the connection was lost and nothing was written; run the command again when the server is available"},
+    ErrorAdvice{"idle-in-transaction timeout",
+                "this process was silent for too long within a transaction, and nothing was written: check its load"},
     ErrorAdvice{"terminating connection",
                 "the connection was lost and nothing was written; run the command again when the server is available"},
     ErrorAdvice{"no connection to the server",

@@ -56,6 +56,8 @@ struct CatalogueLayout {
   // Views for people: added when a catalogue that lacks the last one of them is opened for writing.
   std::string_view spatialite_views, postgis_views, last_view;
   std::string maker;  // the command that creates one, for messages: "nadir catalogue add"
+  // Tables that only a server needs, whose rows several processes change at a time. Added like the views, but needed.
+  std::string_view postgis_shared{}, last_shared{};
 };
 
 // Packages of a fleet: docs/formats/catalogue.md.
@@ -78,6 +80,13 @@ class CatalogueDatabase {
   void commit();
   void roll_back();
 
+  // A server, whose rows several processes may change at a time. Such a transaction blocks nobody: it locks single rows
+  // (FOR UPDATE), and before it changes others, join_writers(): those of begin() wait for its end, or it for theirs.
+  bool is_server() const { return location_.kind == CatalogueLocation::Kind::postgres; }
+  void begin_beside_others();
+  void join_writers();
+  bool in_transaction() const { return in_transaction_; }
+
   CatalogueRow new_row(const char* table);
   // Returns the new row's id. Insert::bulk is the fastest way for many rows of one table; it returns no id.
   enum class Insert { one, bulk };
@@ -98,6 +107,10 @@ class CatalogueDatabase {
 
   bool has_views();
 
+  // A session that is silent for so long within a transaction is ended by the server, and its locks with it: whoever
+  // hangs blocks nobody for longer. A limit that the server, the role or PGOPTIONS sets takes precedence.
+  static constexpr int kSilence_s = 120;
+
   [[noreturn]] void fail(std::string what) const;  // throws Error with the database's message
 
  private:
@@ -108,6 +121,9 @@ class CatalogueDatabase {
   void create_file() const;
   void create_schema();
   void add_views();
+  bool has_shared_tables();
+  void add_shared_tables();
+  void limit_silence();
   void execute(const std::string& sql, const char* doing);
   std::optional<std::string> query_value(const std::string& sql);
   OGRLayer& layer(const char* table);
@@ -120,6 +136,26 @@ class CatalogueDatabase {
   };
   std::unique_ptr<GDALDataset, CloseDataset> dataset_;
   bool in_transaction_ = false;
+};
+
+// Without commit() everything is taken back.
+class CatalogueTransaction {
+ public:
+  explicit CatalogueTransaction(CatalogueDatabase& database) : database_(database) { database_.begin(); }
+  ~CatalogueTransaction() {
+    if (!committed_) database_.roll_back();
+  }
+  CatalogueTransaction(const CatalogueTransaction&) = delete;
+  CatalogueTransaction& operator=(const CatalogueTransaction&) = delete;
+
+  void commit() {
+    database_.commit();
+    committed_ = true;
+  }
+
+ private:
+  CatalogueDatabase& database_;
+  bool committed_ = false;
 };
 
 // What to do about a message of SQLite or PostgreSQL: a general advice when the message is not a known one.

@@ -141,17 +141,21 @@ TEST_F(Attack, RevokedKeyInvalidatesItsVotes) {
 TEST_F(Attack, RevokedKeyDuringAVotePromotesNothing) {
   const std::vector<TileKey> keys = test::keys_in_a_row(1);
   accepted(first_, candidates(first_, keys), 1);
-  accepted(second_, candidates(second_, keys), 2);
+  const std::int64_t upload = complete(second_, candidates(second_, keys), 2);
   service_.reset();
   CandidateCatalogue catalogue(options_.catalogue, CandidateCatalogue::Access::write);
-  const std::vector<AddressCandidates> addresses = catalogue.open_addresses(10);
-  ASSERT_EQ(addresses.size(), 1U);
-  ASSERT_EQ(addresses[0].candidates.size(), 2U);
-  ASSERT_EQ(catalogue.withdraw({first_.key().public_key().id()}), 1);
-  const Outcome both{
-      .new_votes = {},
-      .promotion = Promotion{.tile = addresses[0].candidates[0].tile, .key = keys[0], .flights = 2, .evidence = "{}"}};
-  catalogue.close(addresses, std::vector{both});
+  const AddressWork::Claim claim = catalogue.work().claim_tiles(upload, 10);
+  ASSERT_EQ(claim.addresses.size(), 1U);
+  const AddressTask& task = claim.addresses[0];
+  ASSERT_EQ(task.waiting.size(), 1U);
+  ASSERT_EQ(task.standing.candidates.size(), 1U);
+  const std::int64_t other = task.standing.candidates[0].tile;
+  ASSERT_EQ(catalogue.work().withdraw({first_.key().public_key().id()}), 1);
+  AddressResult both{.key = keys[0], .standing = {other}};
+  both.judged.push_back({.verdict = {.tile = task.waiting[0].id}, .keyid = task.waiting[0].keyid});
+  both.outcome = Outcome{.new_votes = {},
+                         .promotion = Promotion{.tile = other, .key = keys[0], .flights = 2, .evidence = "{}"}};
+  ASSERT_TRUE(catalogue.work().write(claim, {&both, 1}, 1, {}));
   EXPECT_EQ(catalogue.counts().promoted, 0);
   EXPECT_EQ(catalogue.counts().to_vote, 1) << "the other one is voted on again, alone";
 }

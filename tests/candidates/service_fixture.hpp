@@ -77,15 +77,19 @@ class ServiceFixture : public ::testing::Test {
     judge_all();
     return verdicts(announcement.upload);
   }
-  // The same without a vote.
-  void accepted(const FlightMaker& flight, const std::vector<Candidate>& candidates, int number) {
+  // Sent and complete; the upload, which is not evaluated yet.
+  std::int64_t complete(const FlightMaker& flight, const std::vector<Candidate>& candidates, int number) {
     const std::string name = announced(flight.batch(candidates, number)).upload;
-    ASSERT_TRUE(std::holds_alternative<PackOffset>(send(name, pack_of(candidates))));
-    std::optional<std::int64_t> pending_evaluations;
-    service().complete(client_, name, pending_evaluations);
-    ASSERT_TRUE(pending_evaluations);
-    ASSERT_FALSE(service().evaluate_some(*pending_evaluations));
-    for (const TileRow& tile : verdicts(name)) ASSERT_EQ(tile.verdict, Verdict::accepted) << tile.detail;
+    EXPECT_TRUE(std::holds_alternative<PackOffset>(send(name, pack_of(candidates))));
+    std::optional<std::int64_t> pending_evaluation;
+    service().complete(client_, name, pending_evaluation);
+    EXPECT_TRUE(pending_evaluation);
+    return pending_evaluation.value_or(0);
+  }
+  void accepted(const FlightMaker& flight, const std::vector<Candidate>& candidates, int number) {
+    const std::int64_t before = service().counts().accepted;
+    ASSERT_FALSE(service().evaluate_some(complete(flight, candidates, number)));
+    ASSERT_EQ(service().counts().accepted, before + std::ssize(candidates));
   }
   std::vector<TileRow> verdicts(const std::string& upload) {
     const auto status = service().status(client_, upload);

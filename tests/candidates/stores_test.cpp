@@ -243,13 +243,21 @@ class AdoptedPack : public ::testing::Test {
     });
     return sha256(bytes);
   }
-  void reject(CandidateCatalogue& catalogue, std::int64_t upload) {
-    TileVerdict verdict{.tile = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts).at(0).id,
-                        .verdict = Verdict::rejected,
-                        .refusal = Refusal{.code = ReasonCode::blurred, .detail = "test"}};
-    catalogue.add_evaluated({{.verdict = verdict, .sidecar = tile_.sidecar, .keyid = tile_.signature.keyid}}, 1,
-                            [](TileVerdict&, const CandidateSidecar&, const CandidateCatalogue::Competitors&) {});
+  void judge(CandidateCatalogue& catalogue, std::int64_t upload, bool damaged) {
+    catalogue.start_judging(upload);
+    const AddressWork::Claim claim = catalogue.work().claim_tiles(upload, 10);
+    const TileVerdict verdict{.tile = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts).at(0).id,
+                              .verdict = Verdict::rejected,
+                              .refusal = Refusal{.code = ReasonCode::blurred, .detail = "test"}};
+    AddressResult result{.key = tile_.sidecar.key};
+    result.judged.push_back(
+        {.verdict = verdict, .keyid = tile_.signature.keyid, .sha256 = tile_.sidecar.sha256, .damaged = damaged});
+    ASSERT_TRUE(catalogue.work().write(claim, {&result, 1}, 1, {}));
   }
+  std::vector<Sha256> finish(CandidateCatalogue& catalogue, std::int64_t upload) {
+    return catalogue.finish_judging(upload).value_or(std::vector<Sha256>());
+  }
+  void reject(CandidateCatalogue& catalogue, std::int64_t upload) { judge(catalogue, upload, false); }
   Bytes read(CandidateCatalogue& catalogue, std::int64_t upload) {
     const auto tiles = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts);
     return store_.read(tiles.at(0).blob.value(), tile_.sidecar.sha256);
@@ -273,7 +281,7 @@ TEST_F(AdoptedPack, SurvivesAConcurrentRemoval) {
   const std::int64_t first = open_upload(judging);
   bring(judging, first);
   reject(judging, first);
-  const std::vector<Sha256> dead = judging.forget_dead_packs(first);
+  const std::vector<Sha256> dead = finish(judging, first);
   EXPECT_EQ(dead, std::vector<Sha256>{pack_});
 
   const std::int64_t second = open_upload(taking_in);
@@ -282,7 +290,7 @@ TEST_F(AdoptedPack, SurvivesAConcurrentRemoval) {
   judging.remove_unused(dead, remove_);
   EXPECT_EQ(read(taking_in, second), tile_.tile) << "the second upload's tile can be judged";
   reject(judging, second);
-  judging.remove_unused(judging.forget_dead_packs(second), remove_);
+  judging.remove_unused(finish(judging, second), remove_);
   EXPECT_TRUE(store_.packs().empty()) << "now it is not needed";
 }
 
@@ -340,10 +348,10 @@ TEST_F(AdoptedPack, IsRemovedWithTheLastPendingVerdict) {
   const std::int64_t first = open_upload(catalogue), second = open_upload(catalogue);
   bring(catalogue, first);
   reject(catalogue, first);
-  catalogue.remove_unused(catalogue.forget_dead_packs(first), remove_);
+  catalogue.remove_unused(finish(catalogue, first), remove_);
   EXPECT_EQ(read(catalogue, second), tile_.tile) << "the second upload brought nothing, and waits";
   reject(catalogue, second);
-  catalogue.remove_unused(catalogue.forget_dead_packs(second), remove_);
+  catalogue.remove_unused(finish(catalogue, second), remove_);
   EXPECT_TRUE(store_.packs().empty());
 }
 
@@ -352,7 +360,7 @@ TEST_F(AdoptedPack, IsRemovedWithTheLastUploadThatNeedsIt) {
   const std::int64_t first = open_upload(catalogue), second = open_upload(catalogue);
   bring(catalogue, first);
   reject(catalogue, first);
-  catalogue.remove_unused(catalogue.forget_dead_packs(first), remove_);
+  catalogue.remove_unused(finish(catalogue, first), remove_);
   EXPECT_EQ(store_.packs().size(), 1U);
   catalogue.remove_unused(catalogue.forget_upload(second), remove_);
   EXPECT_TRUE(store_.packs().empty());
@@ -363,14 +371,121 @@ TEST_F(AdoptedPack, WithoutRemainingTilesIsRemovedWithItsUpload) {
   CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
   const std::int64_t upload = open_upload(catalogue);
   bring(catalogue, upload);
-  TileVerdict verdict{.tile = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts).at(0).id,
-                      .verdict = Verdict::rejected,
-                      .refusal = Refusal{.code = ReasonCode::hash_mismatch, .detail = "test"}};
-  catalogue.add_evaluated(
-      {{.verdict = verdict, .sidecar = tile_.sidecar, .keyid = tile_.signature.keyid, .damaged = true}}, 1,
-      [](TileVerdict&, const CandidateSidecar&, const CandidateCatalogue::Competitors&) {});
-  catalogue.remove_unused(catalogue.forget_dead_packs(upload), remove_);
+  judge(catalogue, upload, true);
+  catalogue.remove_unused(finish(catalogue, upload), remove_);
   EXPECT_TRUE(store_.packs().empty());
+}
+
+// Two workers: on PostGIS each with a connection of its own, on SpatiaLite both with the service's.
+class ClaimedAddress : public AdoptedPack {
+ protected:
+  void SetUp() override {
+    if (!server()) return;
+    CandidateCatalogue other(location(), CandidateCatalogue::Access::write);  // what other tests have left
+    for (const UploadRow& upload : other.uploads_in(UploadState::judging)) other.forget_upload(upload.id);
+  }
+  bool server() const { return location().kind == CatalogueLocation::Kind::postgres; }
+  AddressWork& second() {
+    if (!server()) return first_.work();
+    if (!second_) second_.emplace(location(), CandidateCatalogue::Access::write);
+    return second_->work();
+  }
+  std::vector<Candidate> row(std::uint32_t count) const {
+    std::vector<Candidate> tiles;
+    for (const TileKey& key : test::keys_in_a_row(count)) tiles.push_back(flight_.candidate(key));
+    return tiles;
+  }
+  std::int64_t judging(const std::vector<Candidate>& tiles) {
+    const std::int64_t upload = open_upload(first_, tiles);
+    bring(first_, upload, tiles);
+    first_.start_judging(upload);
+    return upload;
+  }
+  static std::vector<TileKey> keys_of(const AddressWork::Claim& claim) {
+    std::vector<TileKey> keys;
+    for (const AddressTask& address : claim.addresses) keys.push_back(address.key);
+    return keys;
+  }
+  // As a worker that accepts everything, without a vote.
+  static std::vector<AddressResult> accepting(const AddressWork::Claim& claim) {
+    std::vector<AddressResult> results;
+    for (const AddressTask& address : claim.addresses) {
+      AddressResult& result = results.emplace_back(AddressResult{.key = address.key});
+      for (const TileRow& tile : address.waiting)
+        result.judged.push_back({.verdict = {.tile = tile.id}, .keyid = tile.keyid, .sha256 = tile.sha256});
+    }
+    return results;
+  }
+
+  CandidateCatalogue first_{location(), CandidateCatalogue::Access::write};
+  std::optional<CandidateCatalogue> second_;
+};
+
+TEST_F(ClaimedAddress, IsOfOneWorkerUntilItsEnd) {
+  const auto tiles = row(3);
+  const std::int64_t upload = judging(tiles);
+  const AddressWork::Claim two = first_.work().claim_tiles(upload, 2);
+  EXPECT_EQ(two.addresses.size(), 2U);
+  EXPECT_TRUE(two.more);
+  const AddressWork::Claim rest = second().claim_tiles(upload, 2);
+  EXPECT_EQ(keys_of(rest), std::vector<TileKey>{tiles[2].sidecar.key});
+  EXPECT_FALSE(rest.more);
+  first_.work().release(two);
+  second().release(rest);
+  EXPECT_EQ(second().claim_tiles(upload, 10).addresses.size(), 3U) << "what is given back is there again";
+}
+
+TEST_F(ClaimedAddress, BringsTheTilesOfEveryCompleteUpload) {
+  const auto tiles = row(1);
+  const std::int64_t one = judging(tiles), two = judging(tiles);
+  open_upload(first_, tiles);  // not complete
+  AddressWork::Claim claim = second().claim_tiles(two, 10);
+  ASSERT_EQ(claim.addresses.size(), 1U);
+  ASSERT_EQ(claim.addresses[0].waiting.size(), 2U);
+  EXPECT_EQ(claim.addresses[0].waiting[0].upload, one) << "in the order of their announcement";
+  auto results = accepting(claim);
+  ASSERT_TRUE(second().write(claim, results, 1, {}));
+  EXPECT_TRUE(first_.work().claim_tiles(one, 10).addresses.empty());
+  claim = second().claim_votes(10);
+  ASSERT_EQ(claim.addresses.size(), 1U) << "the vote is due";
+  EXPECT_EQ(claim.addresses[0].standing.candidates.size(), 2U);
+  second().release(claim);
+  EXPECT_TRUE(first_.finish_judging(one));
+  EXPECT_FALSE(first_.finish_judging(one)) << "once";
+}
+
+TEST_F(ClaimedAddress, ThatWasLostIsNotWritten) {
+  const std::int64_t upload = judging(row(2));
+  const AddressWork::Claim claim = first_.work().claim_tiles(upload, 10);
+  auto results = accepting(claim);
+  first_.work().release(claim);
+  EXPECT_FALSE(first_.work().write(claim, results, 1, {}));
+  const AddressWork::Claim again = second().claim_tiles(upload, 10);
+  auto others = accepting(again);
+  EXPECT_TRUE(second().write(again, others, 1, {}));
+}
+
+// Ground stations do not wait for workers: while one holds an address, others announce, send and complete.
+TEST_F(ClaimedAddress, KeepsNoStationWaiting) {
+  const auto tiles = row(1);
+  const std::int64_t upload = judging(tiles);
+  const AddressWork::Claim claim = second().claim_tiles(upload, 10);
+  const std::int64_t next = judging(tiles);
+  auto results = accepting(claim);
+  ASSERT_TRUE(second().write(claim, results, 1, {}));
+  EXPECT_EQ(first_.work().claim_tiles(next, 10).addresses.size(), 1U);
+}
+
+TEST_F(ClaimedAddress, OfARevokedKeyIsRejected) {
+  const std::int64_t upload = judging(row(2));
+  const AddressWork::Claim claim = second().claim_tiles(upload, 10);
+  auto results = accepting(claim);
+  std::set<std::string> revoked{tile_.signature.keyid};
+  first_.work().withdraw(revoked);
+  if (server()) revoked.clear();  // a worker elsewhere does not know the newest root: the catalogue does
+  ASSERT_TRUE(second().write(claim, results, 1, revoked));
+  for (const TileRow& tile : first_.tiles_of(upload, CandidateCatalogue::Detail::verdicts))
+    EXPECT_EQ(tile.code, ReasonCode::airframe_revoked);
 }
 
 class SparePack : public test::ServiceFixture {};

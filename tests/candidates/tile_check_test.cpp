@@ -5,6 +5,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "candidates/flight_maker.hpp"
+#include "candidates/image_agreement.hpp"
 
 namespace nadir {
 namespace {
@@ -138,32 +139,59 @@ TEST(TileImageCheck, ADecompressionBombIsNotDecoded) {
   EXPECT_EQ(read_code(large, sidecar), "format_unsupported");
 }
 
+Agreement compared(const cv::Mat& one, const cv::Mat& other) {
+  return compare_images(FineStructure(one), FineStructure(other));
+}
+
 TEST(Agreement, MeasuresTheShiftOfTheSameGround) {
   test::FlightMaker one{{.noise = 1}}, other{{.off_px = 7.5, .noise = 2}};
-  const Agreement agreement = compare_images(grey_of(one.picture(kPlace)), grey_of(other.picture(kPlace)));
+  const Agreement agreement = compared(grey_of(one.picture(kPlace)), grey_of(other.picture(kPlace)));
   EXPECT_NEAR(agreement.shift_px, 7.5, 0.5);
   EXPECT_GT(agreement.correlation, 0.6);
-  const Agreement back = compare_images(grey_of(other.picture(kPlace)), grey_of(one.picture(kPlace)));
+  const Agreement back = compared(grey_of(other.picture(kPlace)), grey_of(one.picture(kPlace)));
   EXPECT_NEAR(back.shift_px, agreement.shift_px, 0.1);
+}
+
+// OpenCV's own phase correlation, and the correlation of the overlap once the other image is moved by its shift.
+Agreement agreement_by_opencv(const FineStructure& one, const FineStructure& other) {
+  cv::Mat window, moved, correlation;
+  cv::createHanningWindow(window, one.values.size(), CV_32F);
+  const cv::Point2d shift = cv::phaseCorrelate(one.values, other.values, window);
+  const cv::Mat move = (cv::Mat_<double>(2, 3) << 1, 0, -shift.x, 0, 1, -shift.y);
+  cv::warpAffine(other.values, moved, move, other.values.size());
+  const int margin_px = static_cast<int>(std::ceil(std::hypot(shift.x, shift.y)));
+  const cv::Rect common(margin_px, margin_px, 256 - 2 * margin_px, 256 - 2 * margin_px);
+  cv::matchTemplate(one.values(common), moved(common), correlation, cv::TM_CCOEFF_NORMED);
+  return {.shift_px = std::hypot(shift.x, shift.y), .correlation = correlation.at<float>(0)};
+}
+
+TEST(Agreement, IsThatOfOpenCv) {
+  for (const double off_px : {0.4, 3.25, 7.5, 20.0}) {
+    const FineStructure one(grey_of(test::FlightMaker({.noise = 1}).picture(kPlace)));
+    const FineStructure other(grey_of(test::FlightMaker({.off_px = off_px, .noise = 2}).picture(kPlace)));
+    const Agreement ours = compare_images(one, other), reference = agreement_by_opencv(one, other);
+    EXPECT_NEAR(ours.shift_px, reference.shift_px, 0.02) << off_px;
+    EXPECT_NEAR(ours.correlation, reference.correlation, 0.03) << off_px;
+  }
 }
 
 TEST(Agreement, IsInvariantToLightAndRejectsOtherGround) {
   const cv::Mat one = grey_of(test::FlightMaker({.noise = 1}).picture(kPlace));
   cv::Mat darker;
   grey_of(test::FlightMaker({.noise = 2}).picture(kPlace)).convertTo(darker, CV_8U, 0.5, 10);
-  const Agreement same = compare_images(one, darker);
+  const Agreement same = compared(one, darker);
   EXPECT_LT(same.shift_px, 0.3);
   EXPECT_GT(same.correlation, 0.6);
   const cv::Mat elsewhere = grey_of(test::FlightMaker({.ground = 9}).picture(kPlace));
-  EXPECT_LT(compare_images(one, elsewhere).correlation, 0.35);
+  EXPECT_LT(compared(one, elsewhere).correlation, 0.35);
 }
 
 TEST(Agreement, TexturelessImagesAgreeWithNothing) {
   const cv::Mat flat(256, 256, CV_8UC1, cv::Scalar(90));
   const cv::Mat good = grey_of(test::FlightMaker().picture(kPlace));
-  EXPECT_LT(compare_images(flat, flat).correlation, 0.35);
-  EXPECT_LT(compare_images(flat, good).correlation, 0.35);
-  EXPECT_LT(compare_images(good, flat).correlation, 0.35);
+  EXPECT_LT(compared(flat, flat).correlation, 0.35);
+  EXPECT_LT(compared(flat, good).correlation, 0.35);
+  EXPECT_LT(compared(good, flat).correlation, 0.35);
 }
 
 }  // namespace

@@ -25,7 +25,7 @@ class UploadServerTest : public ServiceFixture {
     clients_.emplace(std::vector<std::string>{file.string(), "mini-08=" + other.string()},
                      tokens_.empty() ? std::nullopt : std::optional(tokens_file()));
     queue_.emplace(2, places);
-    api_.emplace(service(), *clients_, true, [](const UploadClient&, std::int64_t) {});
+    api_.emplace(service(), *clients_, true, [] {});
     server_.emplace(*api_, *queue_, ListenAddress{.port = 0}, limits);
   }
   void TearDown() override { server_.reset(); }

@@ -8,6 +8,7 @@
 namespace nadir {
 
 std::unique_ptr<Command> make_serve();
+std::unique_ptr<Command> make_work();
 std::unique_ptr<Command> make_status();
 std::unique_ptr<Command> make_export();
 std::unique_ptr<Command> make_installed();

@@ -81,6 +81,7 @@ int StatusCommand::run(Context& context) {
                                {"to_vote", counts.to_vote},
                                {"promoted", counts.promoted}}},
                              {"rejected", std::move(rejected)},
+                             {"claims", {{"held", counts.claims}, {"oldest_ms", counts.oldest_claim_ms}}},
                              {"rules", std::move(rules)},
                              {"warnings", warnings}});
     return kAccepted;
@@ -92,6 +93,10 @@ int StatusCommand::run(Context& context) {
   for (const auto& [code, tiles] : counts.rejected_by) figures.emplace_back("    " + code, std::to_string(tiles));
   figures.emplace_back("waiting for a vote", std::to_string(counts.to_vote));
   figures.emplace_back("promoted", std::to_string(counts.promoted));
+  if (counts.claims > 0) {
+    figures.emplace_back("claims of workers", fmt::format("{}, the oldest for {:.1f} s", counts.claims,
+                                                          static_cast<double>(counts.oldest_claim_ms) / 1000));
+  }
   if (start) {
     figures.emplace_back("promotion needs",
                          fmt::format("{} flights, independent by {}", start->votes, start->independent()));

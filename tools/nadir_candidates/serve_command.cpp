@@ -53,6 +53,7 @@ class ServeCommand final : public Command {
   std::optional<std::filesystem::path> tokens_;
   std::optional<std::filesystem::path> port_file_;
   int threads_ = 2;
+  int workers_ = 1;
   int max_age_days_ = 90;
   int quota_mb_ = 8192;
   int keep_free_mb_ = 1024;
@@ -95,18 +96,23 @@ void ServeCommand::setup(Options& options) {
   options.value("--quota-mb", quota_mb_, "N", "megabytes that an airframe may announce per day").between(1, 1'000'000);
   options.value("--keep-free-mb", keep_free_mb_, "N", "free megabytes on the disk below which no upload is accepted")
       .between(0, 1'000'000);
-  options.value("--threads", threads_, "N", "worker threads").between(1, 64);
+  options.value("--threads", threads_, "N", "threads that answer clients").between(1, 64);
+  options
+      .value("--workers", workers_, "N",
+             "threads that judge tiles and let flights vote; 0: other processes do (nadir-candidates work)")
+      .between(0, 64);
   options.value("--port-file", port_file_, "FILE", "write the port here once listening; for --listen IP:0");
 }
 
 // Completes the service's options; what the operator has chosen.
 ServiceStart ServeCommand::prepare(Context& context) {
+  service_.catalogue = ServicePlace{.data = data_, .catalogue = catalogue_}.location();
+  if (workers_ == 0) require_server(service_.catalogue, "--workers 0");
   service_.rules.airframes_differ = independent_ == "airframes";
   service_.rules.max_age_ms = max_age_days_ * kDay_ms;
   service_.rules.quota_bytes = std::int64_t{quota_mb_} * 1'000'000;
   service_.packs.keep_free_bytes = std::uint64_t{static_cast<unsigned>(keep_free_mb_)} * 1'000'000;
   service_.data = data_;
-  service_.catalogue = ServicePlace{.data = data_, .catalogue = catalogue_}.location();
   return {.started_at = context.clock.now(),
           .votes = service_.rules.flights_to_promote,
           .airframes_differ = service_.rules.airframes_differ,
@@ -122,9 +128,10 @@ int ServeCommand::run(Context& context) {
                       .fix = "nadir-candidates token create --tokens FILE --id NAME --out NAME.token"});
   }
   Clients clients(token_files_, tokens_);
-  const ServiceStart start = prepare(context);
+  ServiceStart start = prepare(context);
   const ServiceLock lock(data_);
   CandidateService service(service_, context.clock);
+  start.packages = service.base_packages();
   service.recover();
   const auto warn = [&context, &service](const char* act, const std::string& text) {
     context.err << "warning: " << printable(text) << '\n' << std::flush;
@@ -133,8 +140,8 @@ int ServeCommand::run(Context& context) {
   service.audit().record(
       {.act = "service.start",
        .result = "started",
-       .detail = fmt::format("{} flights, independent by {}; base packages {}; tokens {}", start.votes,
-                             start.independent(), start.base_packages, clients.all().size())});
+       .detail = fmt::format("{} flights, independent by {}; base packages {}; tokens {}; workers {}", start.votes,
+                             start.independent(), start.base_packages, clients.all().size(), workers_)});
   if (service.first_trust()) {
     warn("root.trust", fmt::format("no earlier trust root is remembered: version {} of {} is trusted as it is",
                                    service.root_version(), service_.trust.string()));
@@ -147,14 +154,10 @@ int ServeCommand::run(Context& context) {
   }
 
   FairQueue queue(static_cast<std::size_t>(threads_), kQueuedPerClient);
-  ServiceWork work(service, queue);
-  const UploadApi api(
-      service, clients, address.loopback(),
-      [&work](const UploadClient& client, std::int64_t upload) { work.evaluate(client.name, upload); },
-      start.warnings());
+  EvaluationWorkers workers(service.evaluation(), service_.catalogue, &service.catalogue(), workers_);
+  ServiceWork work(service, queue, workers);
+  const UploadApi api(service, clients, address.loopback(), [&workers] { workers.wake(); }, start.warnings());
   const UploadServer server(api, queue, address);
-  for (const auto& [client, upload] : service.pending_evaluations()) work.evaluate(client, upload);
-  work.vote();
   if (port_file_) write_file_atomic(*port_file_, fmt::format("{}\n", server.port()));
   if (!context.quiet) context.err << fmt::format("listening on {}:{}\n", address.ip, server.port()) << std::flush;
   supervise(context, service, clients, work);

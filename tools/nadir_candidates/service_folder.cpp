@@ -20,7 +20,8 @@ namespace {
 
 constexpr const char* kStartFile = "started.json";
 constexpr const char* kStartSchema = "nadir.candidate-start/1";
-constexpr std::uint64_t kMaxStartSize = std::uint64_t{1} << 14;  // bytes
+constexpr std::uint64_t kMaxStartSize = std::uint64_t{1} << 18;  // bytes
+constexpr std::size_t kMostPackages = 2000;
 constexpr std::int64_t kMostCounted = std::int64_t{1} << 31;
 
 }  // namespace
@@ -63,6 +64,19 @@ CatalogueLocation ServicePlace::location() const {
   throw UsageError({.what = "no catalogue given", .expected = "--data DIR or --catalogue CATALOGUE"});
 }
 
+void require_server(const CatalogueLocation& catalogue, const std::string& what) {
+  if (catalogue.kind == CatalogueLocation::Kind::postgres) return;
+  throw UsageError({.what = what + " needs a catalogue in PostGIS: a SpatiaLite file has one process that writes to it",
+                    .where = catalogue.shown,
+                    .expected = "--catalogue \"PG:…\"",
+                    .fix = "let the service judge by itself, with serve --workers N, or move to PostGIS"});
+}
+
+bool ServiceStart::same_rules(const ServiceStart& other) const {
+  return votes == other.votes && airframes_differ == other.airframes_differ && base_packages == other.base_packages &&
+         packages == other.packages;
+}
+
 std::vector<std::string> ServiceStart::warnings() const {
   std::vector<std::string> list;
   if (!airframes_differ) {
@@ -88,16 +102,22 @@ ServiceStart parse_service_start(std::string_view text, std::string_view name) {
                      .airframes_differ = in.choice("independent", {"airframes", "days"}) == "airframes",
                      .base_packages = in.integer("base_packages", 0, kMostCounted),
                      .tokens_without_expiry = in.integer("tokens_without_expiry", 0, kMostCounted)};
+  if (const auto packages = in.optional_array("packages", {.most = kMostPackages})) {
+    for (std::size_t i = 0; i < packages->size(); ++i) start.packages.insert(packages->digest(i));
+  }
   in.finish();
   return start;
 }
 
 std::string service_start_json(const ServiceStart& start) {
+  nlohmann::json packages = nlohmann::json::array();
+  for (const Sha256& package : start.packages) packages.push_back(package.hex());
   return nlohmann::json{{"schema", kStartSchema},
                         {"started_at", to_rfc3339(start.started_at)},
                         {"votes", start.votes},
                         {"independent", start.independent()},
                         {"base_packages", start.base_packages},
+                        {"packages", std::move(packages)},
                         {"tokens_without_expiry", start.tokens_without_expiry}}
              .dump(1) +
          "\n";

@@ -1,23 +1,23 @@
-// The candidate service's own jobs, in turn with its clients' (http/fair_queue.hpp): evaluating complete uploads,
-// votes, removing what expired. Each piece is short and appends the next one to its lane.
+// The candidate service's own jobs, in turn with its clients' (http/fair_queue.hpp): removing what expired, withdrawing
+// what revoked keys have signed. What judges tiles has threads of its own (candidates/evaluation_workers.hpp), and is
+// waked from here.
 #pragma once
 
-#include <atomic>
 #include <mutex>
 #include <string>
 
 #include "candidates/candidate_service.hpp"
+#include "candidates/evaluation_workers.hpp"
 #include "http/fair_queue.hpp"
 
 namespace nadir {
 
 class ServiceWork {
  public:
-  // Both must outlive this, and the queue must be stopped before it goes.
-  ServiceWork(CandidateService& service, FairQueue& queue) : service_(service), queue_(queue) {}
+  // All must outlive this, and the queue must be stopped before it goes.
+  ServiceWork(CandidateService& service, FairQueue& queue, EvaluationWorkers& workers)
+      : service_(service), queue_(queue), workers_(workers) {}
 
-  void evaluate(const std::string& client, std::int64_t upload);
-  void vote();
   void forget_expired();
   void apply_revocations();
 
@@ -27,13 +27,11 @@ class ServiceWork {
   void retry();
 
  private:
-  void evaluate_piece(const std::string& client, std::int64_t upload);
-  void vote_piece();
   void failed(const std::string& reason);
 
   CandidateService& service_;
   FairQueue& queue_;
-  std::atomic<bool> voting_ = false, again_ = false;
+  EvaluationWorkers& workers_;
   mutable std::mutex mutex_;
   std::string fault_;
 };

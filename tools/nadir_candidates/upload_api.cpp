@@ -405,7 +405,7 @@ ApiResponse UploadApi::status(const UploadClient& client, const std::string& upl
 ApiResponse UploadApi::complete(const UploadClient& client, const std::string& upload) const {
   std::optional<std::int64_t> to_evaluate;
   const auto result = service_.complete(client, upload, to_evaluate);
-  if (to_evaluate) evaluate_(client, *to_evaluate);
+  if (to_evaluate) evaluate_();
   if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
   return completion_answer(std::get<Completion>(result));
 }

@@ -58,9 +58,9 @@ ApiResponse later(int status, std::string type, std::string detail);  // with Re
 
 class UploadApi {
  public:
-  using Evaluate = std::function<void(const UploadClient& client, std::int64_t upload)>;
+  using Evaluate = std::function<void()>;
 
-  // The first two must outlive this. evaluate: is called for each upload that is complete. loopback: only loopback
+  // The first two must outlive this. evaluate: is called when an upload is complete. loopback: only loopback
   // names are accepted as Host. notes: on how the service was started, for its health.
   UploadApi(CandidateService& service, const Clients& clients, bool loopback, Evaluate evaluate,
             std::vector<std::string> notes = {})
