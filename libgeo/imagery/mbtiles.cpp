@@ -77,7 +77,7 @@ std::map<std::string, std::string> MbtilesReader::metadata() const {
 
 MbtilesWriter::MbtilesWriter(const std::filesystem::path& path) : database_(SqliteDatabase::create(path)) {
   database_.execute(
-      "PRAGMA page_size = 4096; PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; PRAGMA locking_mode = EXCLUSIVE;"
+      "PRAGMA page_size = 1024; PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; PRAGMA locking_mode = EXCLUSIVE;"
       "PRAGMA cache_size = -16384; PRAGMA encoding = 'UTF-8';"
       "PRAGMA application_id = 0x4d504258;"  // "MPBX", as the specification asks
       "BEGIN;"
