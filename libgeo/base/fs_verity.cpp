@@ -10,22 +10,28 @@
 namespace nadir {
 namespace {
 
-constexpr std::size_t kPiece_bytes = 1 << 20;
-constexpr std::size_t kDigest_bytes = sizeof(Sha256::bytes);
+constexpr std::size_t kPiece_bytes = 1 << 20;  // what a thread takes at once
+constexpr std::size_t kRead_bytes = 1 << 16;   // stays in the processor's cache until it is hashed
 
-// Digests of the blocks of a piece of a file.
-class BlockHasher {
+std::size_t pieces_in(std::uint64_t bytes) { return (bytes + kPiece_bytes - 1) / kPiece_bytes; }
+
+// Hashes pieces of a file. For one thread.
+class PieceHasher {
  public:
-  std::vector<Sha256> operator()(ByteView piece) {
+  explicit PieceHasher(const InputFile& file) : file_(file), buffer_(kRead_bytes) {}
+
+  // The digests of its blocks. whole: gets the bytes as well, or null. Nothing when the file has shrunk meanwhile.
+  std::optional<std::vector<Sha256>> blocks_of(std::size_t piece, Sha256Stream* whole = nullptr) {
     std::vector<Sha256> digests;
-    digests.reserve(piece.size() / kVerityBlock_bytes + 1);
-    for (; piece.size() >= kVerityBlock_bytes; piece = piece.subspan(kVerityBlock_bytes)) {
-      digests.push_back(hash(piece.first(kVerityBlock_bytes)));
-    }
-    if (!piece.empty()) {
-      std::array<std::uint8_t, kVerityBlock_bytes> filled_up{};
-      std::copy(piece.begin(), piece.end(), filled_up.begin());
-      digests.push_back(hash(filled_up));
+    digests.reserve(kPiece_bytes / kVerityBlock_bytes);
+    const std::uint64_t begin = std::uint64_t{piece} * kPiece_bytes, end = std::min(begin + kPiece_bytes, file_.size());
+    for (std::uint64_t at = begin; at < end; at += kRead_bytes) {
+      const std::span<std::uint8_t> bytes = std::span(buffer_).first(std::min<std::uint64_t>(kRead_bytes, end - at));
+      if (!file_.read_at(at, bytes)) return std::nullopt;
+      if (whole != nullptr) whole->update(bytes);
+      for (std::size_t block = 0; block < bytes.size(); block += kVerityBlock_bytes) {
+        digests.push_back(hash(bytes.subspan(block, std::min(kVerityBlock_bytes, bytes.size() - block))));
+      }
     }
     return digests;
   }
@@ -33,30 +39,16 @@ class BlockHasher {
  private:
   Sha256 hash(ByteView block) {
     stream_.update(block);
+    if (block.size() < kVerityBlock_bytes) {
+      static constexpr std::array<std::uint8_t, kVerityBlock_bytes> kZeros{};
+      stream_.update(ByteView(kZeros).first(kVerityBlock_bytes - block.size()));
+    }
     return stream_.finish();
   }
-  Sha256Stream stream_;
-};
 
-std::size_t pieces_in(std::uint64_t bytes) { return (bytes + kPiece_bytes - 1) / kPiece_bytes; }
-
-// A piece of the file in a buffer that is used again for the next one.
-class PieceReader {
- public:
-  explicit PieceReader(const InputFile& file)
-      : file_(file), buffer_(std::min<std::uint64_t>(kPiece_bytes, std::max<std::uint64_t>(file.size(), 1))) {}
-
-  // Nothing when the file has shrunk meanwhile.
-  std::optional<ByteView> read(std::size_t piece) {
-    const std::uint64_t at = std::uint64_t{piece} * kPiece_bytes;
-    const std::span target = std::span(buffer_).first(std::min<std::uint64_t>(kPiece_bytes, file_.size() - at));
-    if (!file_.read_at(at, target)) return std::nullopt;
-    return target;
-  }
-
- private:
   const InputFile& file_;
   Bytes buffer_;
+  Sha256Stream stream_;
 };
 
 }  // namespace
@@ -103,10 +95,7 @@ Sha256 verity_digest(const InputFile& file, int threads, const std::function<voi
   VerityTree tree;
   using Digests = std::optional<std::vector<Sha256>>;
   const auto make_worker = [&file]() -> std::function<Digests(std::size_t)> {
-    return [reader = std::make_shared<PieceReader>(file), hash = std::make_shared<BlockHasher>()](std::size_t item) {
-      const auto piece = reader->read(item);
-      return piece ? Digests((*hash)(*piece)) : Digests();
-    };
+    return [hasher = std::make_shared<PieceHasher>(file)](std::size_t piece) { return hasher->blocks_of(piece); };
   };
   const auto take = [&](std::size_t, const Digests& blocks) {
     if (!blocks) return false;  // another digest
@@ -121,13 +110,11 @@ Sha256 verity_digest(const InputFile& file, int threads, const std::function<voi
 FileDigests digests_of(const InputFile& file, const std::function<void()>& after_piece) {
   Sha256Stream whole;
   VerityTree tree;
-  PieceReader reader(file);
-  BlockHasher hash;
-  for (std::size_t i = 0; i < pieces_in(file.size()); ++i) {
-    const auto piece = reader.read(i);
-    if (!piece) break;
-    whole.update(*piece);
-    for (const Sha256& block : hash(*piece)) tree.add(block);
+  PieceHasher hasher(file);
+  for (std::size_t piece = 0; piece < pieces_in(file.size()); ++piece) {
+    const auto blocks = hasher.blocks_of(piece, &whole);
+    if (!blocks) break;
+    for (const Sha256& block : *blocks) tree.add(block);
     if (after_piece) after_piece();
   }
   return {whole.finish(), tree.finish(file.size())};

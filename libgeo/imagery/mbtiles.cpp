@@ -102,7 +102,7 @@ void MbtilesWriter::begin(int page_bytes) {
 
 void MbtilesWriter::insert(const TileKey& key, ByteView encoded) {
   insert_->bind(1, std::int64_t{key.z}).bind(2, std::int64_t{key.x}).bind(3, std::int64_t{key.tms_row()});
-  insert_->bind(4, encoded).run();
+  insert_->bind(4, encoded.empty() ? as_bytes("") : encoded).run();  // SQLite takes a null pointer for NULL
 }
 
 void MbtilesWriter::add(const TileKey& key, ByteView encoded) {
