@@ -67,6 +67,7 @@ packages_test=(
   postgresql-15              # a real server, which the tests of the catalogue start and stop
   postgresql-15-postgis-3    # its geometries
   age                        # encrypts packages, as docs/secrecy.md says
+  fsverity                   # the digests of imagery, by the kernel's own tool
   softhsm2                   # a PKCS#11 token in software
   opensc                     # pkcs11-tool, which makes keys in it
   slurmctld                  # a real scheduler, which a test of shared builds starts and stops ...

@@ -9,6 +9,8 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "geodesy/web_mercator.hpp"
 #include "imagery/sqlite_database.hpp"
@@ -39,9 +41,10 @@ class MbtilesReader final : public TileSource {
   mutable std::optional<SqliteStatement> mask_;
 };
 
-// The file is a function of the calls alone: the same tiles in the same order give the same bytes (fixed page size, one
-// transaction, no times, no names). There is no journal while it is written: a killed writer leaves a damaged file, so
-// write into a StagingDirectory.
+// The file is a function of the calls alone: the same tiles in the same order give the same bytes (one transaction, no
+// times, no names). Its pages have 64 KiB where the first thousand tiles take less than 8 MB, and 4 KiB for fewer or
+// larger tiles: with 4 KiB, a page that holds a tile of 3 kB has no room for another. There is no journal while it is
+// written: a killed writer leaves a damaged file, so write into a StagingDirectory.
 class MbtilesWriter {
  public:
   explicit MbtilesWriter(const std::filesystem::path& path);  // throws Error when the file exists
@@ -51,7 +54,7 @@ class MbtilesWriter {
 
   void add(const TileKey& key, ByteView encoded);  // any order; one after the other
   void set_metadata(const std::map<std::string, std::string>& metadata);
-  const SqliteDatabase& database() const { return database_; }  // for tables beyond the specification
+  const SqliteDatabase& database();  // for tables beyond the specification, after all tiles
 
   // Builds the index (throws Error when a tile was added twice), reads all tiles once more for agg_tiles_hash, commits
   // and closes. Without it the file is useless.
@@ -61,9 +64,13 @@ class MbtilesWriter {
   // As `mbtiles validate` of the MapLibre project expects it: MD5 over zoom, column and row as decimal text and the
   // tile's bytes, in this order.
   std::string aggregate_hash() const;
+  void begin(int page_bytes);
+  void insert(const TileKey& key, ByteView encoded);
 
   SqliteDatabase database_;
-  std::optional<SqliteStatement> insert_;
+  std::optional<SqliteStatement> insert_;  // none until the size of the pages is known
+  std::vector<std::pair<TileKey, Bytes>> first_;
+  std::size_t first_bytes_ = 0;
 };
 
 }  // namespace nadir

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/error.hpp"
+#include "base/fs_verity.hpp"
 #include "base/json.hpp"
 
 namespace nadir {
@@ -102,6 +103,7 @@ Artifact read_artifact(const JsonReader& in) {
   artifact.role = in.text("role", kTextLength);
   artifact.size = in.integer<std::uint64_t>("size", 0, kMaxInteger);
   artifact.sha256 = in.digest("sha256");
+  if (artifact.role == kRoleImagery && in.has("fsverity")) artifact.fsverity = in.digest("fsverity");
   if (const auto tiles = in.optional_object("tiles")) artifact.tiles = read_tile_set(*tiles);
   if (const auto vectors = in.optional_object("vectors")) artifact.vectors = read_vectors(*vectors);
   in.finish(kNotePrefix);
@@ -206,6 +208,7 @@ using nlohmann::json;
 json to_json(const Artifact& artifact) {
   json object{
       {"path", artifact.path}, {"role", artifact.role}, {"size", artifact.size}, {"sha256", artifact.sha256.hex()}};
+  if (artifact.fsverity) object["fsverity"] = artifact.fsverity->hex();
   if (artifact.tiles) {
     object["tiles"] = {{"count", artifact.tiles->count},
                        {"merkle_root", artifact.tiles->merkle_root.hex()},
@@ -269,7 +272,13 @@ Artifact describe_file(const std::filesystem::path& package, std::string_view re
   Artifact artifact;
   artifact.path = relative_path;
   artifact.role = role;
-  artifact.sha256 = sha256_file(file);
+  if (role == kRoleImagery) {
+    const FileDigests digests = digests_of(InputFile(file));
+    artifact.sha256 = digests.sha256;
+    artifact.fsverity = digests.verity;
+  } else {
+    artifact.sha256 = sha256_file(file);
+  }
   std::error_code error;
   artifact.size = std::filesystem::file_size(file, error);
   if (error)

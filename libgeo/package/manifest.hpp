@@ -87,7 +87,8 @@ struct Artifact {
   std::string role;
   std::uint64_t size = 0;
   Sha256 sha256;
-  std::optional<TileSetFacts> tiles;
+  std::optional<Sha256> fsverity{};  // of the imagery: what full verification computes (base/fs_verity.hpp)
+  std::optional<TileSetFacts> tiles{};
   std::optional<VectorFacts> vectors{};
 };
 
@@ -107,7 +108,7 @@ struct Manifest {
 // The part of a manifest that follows from the mission; the builder adds the artifacts.
 Manifest manifest_for(const Mission& mission);
 
-// Describes a file that is already in the package folder: hashes it.
+// Describes a file that is already in the package folder: hashes it; imagery by fs-verity as well.
 Artifact describe_file(const std::filesystem::path& package, std::string_view relative_path, std::string_view role);
 
 // The bytes to sign. Artifacts are sorted by path; equal manifests give equal bytes.

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "base/error.hpp"
+#include "base/files.hpp"
 #include "package/mission_check.hpp"
 #include "package/tile_container.hpp"
 #include "package/vector_layer.hpp"
@@ -67,6 +68,32 @@ void CheckedTiles::report(const char* code, const TileKey& key, std::string foun
                  .expected = "the signed tile",
                  .found = std::move(found),
                  .fix = "after the flight: verify the package at full depth and check the storage medium"});
+}
+
+CheckedTileSet open_checked_tiles(const std::filesystem::path& package, const Manifest& manifest, Progress& progress) {
+  const Artifact* imagery = manifest.artifact(kRoleImagery);
+  if (imagery == nullptr || !imagery->tiles) {
+    throw Error({.what = "the package has no imagery", .where = package / kManifestFile});
+  }
+  TileSetFiles files = open_tile_set_files(package / imagery->path);
+  InputFile tiles = files.tiles.duplicate();
+  TileSetCheck check = check_tile_set(std::move(files), *imagery->tiles, VerifyDepth::quick, progress);
+  CheckedTileSet opened{std::move(check.findings), nullptr};
+  if (opened.findings.has_errors()) return opened;
+  opened.tiles = std::make_unique<CheckedTiles>(std::move(tiles), std::move(check.sidecars));
+  return opened;
+}
+
+Bytes read_artifact(const std::filesystem::path& package, const Artifact& artifact, std::uint64_t max_size) {
+  Bytes bytes = read_file(package / artifact.path, max_size);
+  if (const Sha256 found = sha256(bytes); found != artifact.sha256) {
+    throw Error({.what = "a file of the package is not that of its manifest",
+                 .where = package / artifact.path,
+                 .expected = artifact.sha256.hex(),
+                 .found = found.hex(),
+                 .fix = "get the package again from its source"});
+  }
+  return bytes;
 }
 
 OpenPackage::OpenPackage(Verification accepted, std::optional<MatchabilityRaster> matchability)

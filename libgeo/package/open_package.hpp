@@ -42,6 +42,17 @@ class CheckedTiles final : public TileSource {
   mutable std::set<TileKey> reported_;
 };
 
+// The tiles of a package whose manifest somebody else vouches for: no signature is checked. Sidecars and addresses are
+// compared with the manifest now, each tile when it is read. Null when the findings refuse.
+struct CheckedTileSet {
+  Findings findings;
+  std::unique_ptr<CheckedTiles> tiles;
+};
+CheckedTileSet open_checked_tiles(const std::filesystem::path& package, const Manifest& manifest, Progress& progress);
+
+// A file of such a package. Throws Error when it has not the digest that the manifest states.
+Bytes read_artifact(const std::filesystem::path& package, const Artifact& artifact, std::uint64_t max_size);
+
 class OpenPackage {
  public:
   OpenPackage(Verification accepted, std::optional<MatchabilityRaster> matchability);

@@ -7,6 +7,7 @@
 #include <map>
 
 #include "base/error.hpp"
+#include "base/fs_verity.hpp"
 #include "package/mission_check.hpp"
 #include "package/package_roots.hpp"
 #include "package/tile_container.hpp"
@@ -247,13 +248,24 @@ struct FileCheck {
   // Artifacts that are there with their size (and, where hashed, their digest), by path. The imagery stays when its
   // digest is wrong: its tiles show what was changed.
   std::map<std::string, InputFile> sound;
+  bool imagery_differs = false;
   std::optional<Bytes> mission;  // the bytes that were hashed
+};
+
+// A file that states several digests has one set of bytes that fits them all, if its signer compared each of them. So
+// whoever trusts the signature compares one, the fastest; whoever is about to sign compares all.
+enum class Compare { one_digest, all_digests };
+
+struct HashingOptions {
+  VerifyDepth depth = VerifyDepth::quick;
+  Compare compare = Compare::one_digest;
+  int threads = 1;
 };
 
 class FileVerifier {
  public:
-  FileVerifier(const Directory& package, const Manifest& manifest, VerifyDepth depth, Progress& progress)
-      : package_(package), manifest_(manifest), depth_(depth), progress_(progress) {}
+  FileVerifier(const Directory& package, const Manifest& manifest, const HashingOptions& options, Progress& progress)
+      : package_(package), manifest_(manifest), options_(options), progress_(progress) {}
 
   FileCheck run() {
     walk();
@@ -267,7 +279,7 @@ class FileVerifier {
 
  private:
   bool hashes(const Artifact& artifact) const {
-    return depth_ == VerifyDepth::full || (artifact.role != kRoleImagery && artifact.role != kRoleTerrain);
+    return options_.depth == VerifyDepth::full || (artifact.role != kRoleImagery && artifact.role != kRoleTerrain);
   }
 
   // Every file in the folder must be named in the manifest and be a regular file.
@@ -317,16 +329,32 @@ class FileVerifier {
       return report("artifact.size", fmt::format("{} bytes", artifact.size), fmt::format("{} bytes", file->size()));
     }
     if (hashes(artifact)) {
-      const Sha256 digest = hash(artifact, *file);
-      if (digest != artifact.sha256) {
-        report("artifact.hash", artifact.sha256.hex(), digest.hex());
+      const auto [expected, found] = hash(artifact, *file);
+      if (expected != found) {
+        report("artifact.hash", expected, found);
         if (artifact.role != kRoleImagery) return;
+        check_.imagery_differs = true;
       }
     }
     check_.sound.emplace(artifact.path, std::move(*file));
   }
 
-  Sha256 hash(const Artifact& artifact, const InputFile& file) {
+  struct Compared {
+    std::string expected, found;
+  };
+  Compared hash(const Artifact& artifact, const InputFile& file) {
+    if (!artifact.fsverity) return {artifact.sha256.hex(), sha256_of(artifact, file).hex()};
+    const auto advance = [this] { progress_.advance(); };
+    const auto text = [](const Sha256& digest) { return "fs-verity " + digest.hex(); };
+    if (options_.compare == Compare::one_digest) {
+      return {text(*artifact.fsverity), text(verity_digest(file, options_.threads, advance))};
+    }
+    const auto [whole, verity] = digests_of(file, advance);
+    if (verity == *artifact.fsverity) return {artifact.sha256.hex(), whole.hex()};
+    return {text(*artifact.fsverity), text(verity)};
+  }
+
+  Sha256 sha256_of(const Artifact& artifact, const InputFile& file) {
     if (artifact.role != kRoleMission || artifact.size > kMaxMission_bytes) {
       return file.sha256([this] { progress_.advance(); });
     }
@@ -338,15 +366,11 @@ class FileVerifier {
 
   const Directory& package_;
   const Manifest& manifest_;
-  VerifyDepth depth_;
+  HashingOptions options_;
   Progress& progress_;
   FileCheck check_;
   std::size_t unexpected_ = 0;
 };
-
-FileCheck verify_files(const Directory& package, const Manifest& manifest, VerifyDepth depth, Progress& progress) {
-  return FileVerifier(package, manifest, depth, progress).run();
-}
 
 Directory open_folder(const fs::path& package) {
   const auto refuse = [&package](std::string found) {
@@ -373,7 +397,8 @@ Directory open_folder(const fs::path& package) {
   return folder;
 }
 
-void verify_imagery(const VerifyOptions& options, const FileCheck& files, Progress& progress, Verification& result) {
+// Reads the tile set. Fills imagery and tiles.
+void verify_tile_set(const FileCheck& files, VerifyDepth depth, Progress& progress, Verification& result) {
   const Artifact* imagery = result.manifest->artifact(kRoleImagery);
   if (imagery == nullptr || !imagery->tiles) {
     result.findings.add({.code = "manifest.schema",
@@ -392,11 +417,17 @@ void verify_imagery(const VerifyOptions& options, const FileCheck& files, Progre
     opened.sidecars = beside->second.duplicate();
   }
   result.imagery = std::make_shared<const InputFile>(tiles->second.duplicate());
-  TileSetCheck check = check_tile_set(std::move(opened), *imagery->tiles, options.depth, progress);
-  const bool readable = !check.findings.contains("sqlite.corrupt") && !check.findings.contains("tiff.corrupt");
+  TileSetCheck check = check_tile_set(std::move(opened), *imagery->tiles, depth, progress);
   result.findings.add(check.findings);
   result.tiles = std::move(check.sidecars);
-  if (readable && result.mission) {
+}
+
+// Where the file is the one that was signed, so are its tiles. Where it is not, each of them is hashed, to name those
+// that differ.
+void verify_imagery(const VerifyOptions& options, const FileCheck& files, Progress& progress, Verification& result) {
+  verify_tile_set(files, files.imagery_differs ? VerifyDepth::full : VerifyDepth::quick, progress, result);
+  const bool readable = !result.findings.contains("sqlite.corrupt") && !result.findings.contains("tiff.corrupt");
+  if (result.imagery && readable && result.mission) {
     result.findings.add(check_tile_requirements(*result.mission, result.tiles, result.bytes, options.at));
   }
 }
@@ -426,7 +457,8 @@ namespace {
 // What the manifest names: files, mission, terrain, imagery.
 void verify_contents(const VerifyOptions& options, Progress& progress, Verification& result) {
   for (const Artifact& artifact : result.manifest->artifacts) result.bytes += artifact.size;
-  const FileCheck files = verify_files(*result.folder, *result.manifest, options.depth, progress);
+  const HashingOptions hashing{.depth = options.depth, .threads = options.threads};
+  const FileCheck files = FileVerifier(*result.folder, *result.manifest, hashing, progress).run();
   result.findings.add(files.findings);
   verify_mission(files.mission, result);
   verify_terrain(options, files, result);
@@ -484,9 +516,11 @@ Findings check_before_signing(const fs::path& package, Progress& progress) {
   if (!reading.manifest) return reading.findings;
   Verification result;
   result.manifest = std::move(reading.manifest);
-  const FileCheck files = verify_files(folder, *result.manifest, VerifyDepth::full, progress);
+  const HashingOptions hashing{.depth = VerifyDepth::full, .compare = Compare::all_digests};
+  const FileCheck files = FileVerifier(folder, *result.manifest, hashing, progress).run();
   result.findings.add(files.findings);
   verify_mission(files.mission, result);
+  verify_tile_set(files, VerifyDepth::full, progress, result);
   return result.findings;
 }
 

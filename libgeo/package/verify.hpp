@@ -31,6 +31,7 @@ namespace nadir {
 struct VerifyOptions {
   const TrustRoot* root = nullptr;  // required; the caller's trusted root. Newer roots may follow from it
   VerifyDepth depth = VerifyDepth::quick;
+  int threads = 1;  // that hash the imagery at full depth
   UtcTime at;
   std::optional<std::string> airframe;            // refuse packages that are not for it
   const AircraftState* state = nullptr;           // refuse what is older than what it has seen
@@ -70,8 +71,10 @@ Verification verify_package(const std::filesystem::path& package, const VerifyOp
 Verification verify_accepted_package(const std::filesystem::path& package, const Sha256& manifest, UtcTime accepted_at,
                                      Progress& progress);
 
-// What a signer must know before signing: is every artifact of the manifest in the folder, byte for byte, and does the
-// mission match the manifest? Existing signatures are not checked. Throws Error when the folder is not a package.
+// What a signer must know before signing: is every artifact of the manifest in the folder, byte for byte by each of its
+// digests, does each tile have the digest that is stored beside it, and does the mission match the manifest? Those who
+// verify the package rely on it and compute one of these digests alone (docs/trust.md). Existing signatures are not
+// checked. Throws Error when the folder is not a package.
 Findings check_before_signing(const std::filesystem::path& package, Progress& progress);
 
 }  // namespace nadir

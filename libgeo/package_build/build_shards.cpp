@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <set>
 #include <utility>
 
 #include "base/files.hpp"
@@ -19,11 +20,12 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kPlanMade = "the plan was made";
+constexpr std::string_view kTileShards = "shard";  // their folders' name
 
 // A plan with what follows from it.
 struct OpenPlan {
-  OpenPlan(const fs::path& folder, std::string_view program, int threads)
-      : plan(read_shard_plan(folder, program)),
+  OpenPlan(const fs::path& folder, ShardPlan plan_in, int threads)
+      : plan(std::move(plan_in)),
         range(plan_range(plan.mission, plan.inputs)),
         tiles(plan.mission, plan.inputs, range, with_threads(plan.tiles, threads)) {
     for (const auto& files : plan.pins) {
@@ -135,15 +137,7 @@ void count_tiles_of(const Metatile& metatile, ShardReport& report) {
 void make_shard(const OpenPlan& open, const fs::path& staging, ShardReport& report, Progress& progress) {
   const MetatileSpan part = open.plan.shards[static_cast<std::size_t>(report.shard - 1)];
   const std::string configuration = open.plan.description(report.shard);
-  std::optional<BuildJournal> journal;
-  try {
-    journal.emplace(staging / kJournalFile, configuration);
-  } catch (const UsageError& error) {
-    ErrorText text = error.text();
-    text.what = "an interrupted build of this shard had another plan";
-    text.fix = "remove " + staging.string();
-    throw UsageError(text);
-  }
+  const auto journal = open_shard_journal(staging, configuration);
   const std::uint64_t budget = static_cast<std::uint64_t>(open.plan.mission.budget_mb) * 1'000'000;
   progress.begin("making tiles", open.tiles.finest_tiles(part.first, part.last), "tiles");
   report.resumed = make_metatiles(
@@ -158,14 +152,13 @@ void make_shard(const OpenPlan& open, const fs::path& staging, ShardReport& repo
 
 }  // namespace
 
-std::string shard_folder_name(int shard, int shards) { return fmt::format("shard-{}-of-{}", shard, shards); }
-
 ShardReport build_shard(const ShardRequest& request, Progress& progress) {
-  const OpenPlan open(request.plan, request.program, request.threads);
+  const OpenPlan open(request.plan, read_shard_plan(request.plan, request.program), request.threads);
   ShardReport report;
   report.shards = static_cast<int>(open.plan.shards.size());
   report.shard = parse_shard(request.shard, report.shards, request.variable);
-  report.folder = (request.out.empty() ? request.plan : request.out) / shard_folder_name(report.shard, report.shards);
+  report.folder =
+      (request.out.empty() ? request.plan : request.out) / shard_folder_name(kTileShards, report.shard, report.shards);
   const MetatileSpan part = open.plan.shards[static_cast<std::size_t>(report.shard - 1)];
 
   if (fs::exists(fs::symlink_status(report.folder))) {
@@ -206,56 +199,6 @@ ShardReport build_shard(const ShardRequest& request, Progress& progress) {
 
 namespace {
 
-std::string names_of(const std::vector<fs::path>& folders) {
-  std::vector<std::string> names;
-  for (const fs::path& folder : folders) names.push_back(folder.string());
-  return fmt::format("{}", fmt::join(names, ", "));
-}
-
-// The folder of each shard, in order.
-std::vector<fs::path> find_shards(const MergeRequest& request, int shards) {
-  const std::vector<fs::path> folders = request.folders.empty() ? std::vector{request.plan} : request.folders;
-  for (const fs::path& folder : folders) {
-    if (fs::is_directory(folder)) continue;
-    throw UsageError(
-        {.what = "the folder of shards does not exist", .where = folder.string(), .fix = "check --shards"});
-  }
-  std::vector<fs::path> found;
-  std::vector<std::string> missing;
-  for (int shard = 1; shard <= shards; ++shard) {
-    std::vector<fs::path> here;
-    for (const fs::path& folder : folders) {
-      const fs::path path = folder / shard_folder_name(shard, shards);
-      if (fs::exists(fs::symlink_status(path))) here.push_back(path);
-    }
-    if (here.size() > 1 && !fs::equivalent(here[0], here[1])) {
-      throw UsageError({.what = "a shard is there twice",
-                        .where = fmt::format("shard {}/{}", shard, shards),
-                        .expected = "one folder",
-                        .found = fmt::format("{} and {}", here[0].string(), here[1].string()),
-                        .fix = "remove one of them"});
-    }
-    if (here.empty()) {
-      missing.push_back(std::to_string(shard));
-    } else {
-      found.push_back(here.front());
-    }
-  }
-  if (missing.empty()) return found;
-  constexpr std::size_t kNamed = 20;
-  const std::string first = missing.front();
-  std::string names = fmt::format(
-      "{}", fmt::join(missing.begin(), missing.begin() + static_cast<std::ptrdiff_t>(std::min(kNamed, missing.size())),
-                      ", "));
-  if (missing.size() > kNamed) names += fmt::format(" and {} more", missing.size() - kNamed);
-  throw UsageError({.what = missing.size() == 1 ? "a shard is missing" : "shards are missing",
-                    .where = names_of(folders),
-                    .expected = fmt::format("{} shards, shard-1-of-{} and so on", shards, shards),
-                    .found = fmt::format("no {}", names),
-                    .fix = fmt::format("build them: nadir cache build --plan {} --shard {}/{}", request.plan.string(),
-                                       first, shards)});
-}
-
 PreparedBuild prepared_by(const OpenPlan& open, const PackageRequest& request) {
   PreparedBuild build;
   build.mission_text = open.plan.mission_text;
@@ -269,11 +212,11 @@ PreparedBuild prepared_by(const OpenPlan& open, const PackageRequest& request) {
   return build;
 }
 
-TileSet merge_tiles(const OpenPlan& open, const std::vector<fs::path>& shards, const TilePlan& tiles,
-                    const fs::path& file, Progress& progress) {
+TileSet merge_tiles(const OpenPlan& open, const std::vector<fs::path>& shards, const fs::path& file,
+                    Progress& progress) {
   const SingleOpenCvThread one_thread;
-  TileSetAssembler assembler(tiles, file);
-  progress.begin("merging shards", tiles.metatiles.size(), "metatiles");
+  TileSetAssembler assembler(open.tiles, file);
+  progress.begin("merging shards", open.tiles.metatiles.size(), "metatiles");
   bool wanted = true;
   for (std::size_t i = 0; i < shards.size() && wanted; ++i) {
     ShardReader(open, static_cast<int>(i + 1), shards[i]).read([&](Metatile metatile) {
@@ -286,18 +229,55 @@ TileSet merge_tiles(const OpenPlan& open, const std::vector<fs::path>& shards, c
   return assembler.finish();
 }
 
+// What is there may be what a merge of this plan has made.
+bool is_package_of(const ShardPlan& plan, const fs::path& package) {
+  const fs::path mission = package / kMissionFile;
+  return fs::is_regular_file(mission) && read_text_file(mission) == plan.mission_text;
+}
+
+fs::path beside(const fs::path& package) {
+  const fs::path whole = fs::weakly_canonical(package);
+  return whole.parent_path() / ("." + whole.filename().string() + ".again");
+}
+
+std::set<fs::path> files_in(const fs::path& folder) {
+  std::set<fs::path> files;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    if (!entry.is_directory()) files.insert(entry.path().lexically_relative(folder));
+  }
+  return files;
+}
+
+void require_same_files(const fs::path& made, const fs::path& package) {
+  const std::set<fs::path> files = files_in(made);
+  bool same = files == files_in(package);
+  for (auto file = files.begin(); same && file != files.end(); ++file) {
+    same = fs::is_regular_file(fs::symlink_status(package / *file)) &&
+           fs::file_size(made / *file) == fs::file_size(package / *file) &&
+           sha256_file(made / *file) == sha256_file(package / *file);
+  }
+  if (same) return;
+  throw UsageError({.what = "there is a package already, and not the one of these shards",
+                    .where = package.string(),
+                    .expected = "none, or the one that this merge makes",
+                    .found = "other files",
+                    .fix = "choose another --out, or remove it"});
+}
+
 }  // namespace
 
 PackageReport merge_shards(const MergeRequest& request, Progress& progress) {
-  const OpenPlan open(request.plan, request.program, 1);
+  const OpenPlan open(request.plan_folder, request.plan, 1);
   const int shards = static_cast<int>(open.plan.shards.size());
-  const std::vector<fs::path> folders = find_shards(request, shards);
+  const std::vector<fs::path> folders =
+      find_shards(kTileShards, shards, request.folders.empty() ? std::vector{request.plan_folder} : request.folders,
+                  fmt::format("nadir cache build --plan {}", request.plan_folder.string()));
   for (int shard = 1; shard <= shards; ++shard) {  // before the work: is each of this plan?
     const ShardReader check(open, shard, folders[static_cast<std::size_t>(shard - 1)]);
   }
 
   PackageRequest package;
-  package.mission = request.plan / kShardPlanMission;
+  package.mission = request.plan_folder / kShardPlanMission;
   package.tiles = open.tiles.options;
   package.key = request.key;
   package.roots = request.roots;
@@ -318,14 +298,19 @@ PackageReport merge_shards(const MergeRequest& request, Progress& progress) {
     return report;
   }
 
-  StagingDirectory staging(request.out);
+  const bool exists = is_package_of(open.plan, request.out);
+  StagingDirectory staging(exists ? beside(request.out) : request.out);
   PackageReport report = fill_package(
-      staging.path(), package, build,
-      [&](const TilePlan& plan, const fs::path& file) { return merge_tiles(open, folders, plan, file, progress); },
+      staging.path(), package, build, [&](const fs::path& file) { return merge_tiles(open, folders, file, progress); },
       progress);
   if (!report.findings.has_errors()) {
     progress.advance();  // the last point of interruption
-    staging.commit();
+    if (exists) {
+      require_same_files(staging.path(), request.out);
+      report.was_there = true;
+    } else {
+      staging.commit();
+    }
   }
   progress.end();
   return report;

@@ -45,18 +45,18 @@ struct ShardReport {
 ShardReport build_shard(const ShardRequest& request, Progress& progress);
 
 struct MergeRequest {
-  std::filesystem::path plan;                  // its folder
+  std::filesystem::path plan_folder;
+  ShardPlan plan;                              // read from there
   std::vector<std::filesystem::path> folders;  // that shards lie in; none: the plan's
   const PrivateKey* key = nullptr;             // null: unsigned
   RootChain roots;
   std::optional<UtcTime> now{};  // the present, for a warning about a mission that has expired
   std::filesystem::path out;
-  std::string program;
 };
 
-// Throws UsageError when a shard is missing, there twice, or from another plan; Error when one is damaged.
+// Where there is a package already, as when a scheduler repeats a task whose end it did not see, the merge makes it
+// again beside it and compares: the report says when it is the same. Throws UsageError when it is another one, when a
+// shard is missing, there twice, or from another plan; Error when one is damaged.
 PackageReport merge_shards(const MergeRequest& request, Progress& progress);
-
-std::string shard_folder_name(int shard, int shards);  // "shard-3-of-8"
 
 }  // namespace nadir

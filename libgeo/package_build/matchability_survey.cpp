@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <memory>
 #include <numeric>
@@ -16,11 +17,9 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/ordered_work.hpp"
 #include "imagery/map_window.hpp"
 #include "raster/gdal_dataset.hpp"
 #include "raster/gdal_drivers.hpp"
-#include "raster/single_opencv_thread.hpp"
 
 namespace nadir {
 namespace {
@@ -150,37 +149,86 @@ const PlaceMatchability* MatchabilityMap::at(LonLat position) const {
   return cell.cls == MatchClass::outside ? nullptr : &cell;
 }
 
+namespace {
+
+constexpr std::size_t kPlaceNumbers = 5;
+
+}  // namespace
+
+Bytes serialize_place(const PlaceMatchability& place) {
+  Bytes bytes{static_cast<std::uint8_t>(place.cls)};
+  for (const double value : {place.ratio, place.score, place.entropy, place.texture, place.valid}) {
+    const auto bits = std::bit_cast<std::uint64_t>(value);
+    for (int shift = 0; shift < 64; shift += 8) bytes.push_back(static_cast<std::uint8_t>(bits >> shift));
+  }
+  return bytes;
+}
+
+std::optional<PlaceMatchability> parse_place(ByteView bytes) {
+  if (bytes.size() != 1 + 8 * kPlaceNumbers) return std::nullopt;
+  PlaceMatchability place;
+  place.cls = static_cast<MatchClass>(bytes[0]);
+  if (place.cls != MatchClass::good && place.cls != MatchClass::weak && place.cls != MatchClass::poor) {
+    return std::nullopt;
+  }
+  const std::array<double*, kPlaceNumbers> values{&place.ratio, &place.score, &place.entropy, &place.texture,
+                                                  &place.valid};
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    std::uint64_t bits = 0;
+    for (std::size_t byte = 8; byte > 0; --byte) bits = bits << 8 | bytes[8 * i + byte];
+    *values[i] = std::bit_cast<double>(bits);
+    if (!std::isfinite(*values[i])) return std::nullopt;
+  }
+  return place;
+}
+
+MatchabilitySurvey::MatchabilitySurvey(const SurveyedGround& ground, const MatchabilityOptions& options)
+    : ground_(ground),
+      map_{grid_over(ground.region, ground.frame, ground.zoom, ground.step_m), {}},
+      needed_(needed_cells(map_.grid, ground.region, ground.frame, ground.step_m)),
+      probe_(with_typical_texture(ground.tiles, ground.frame, map_.grid, needed_, options)) {
+  map_.cells.resize(map_.grid.cells());
+}
+
+std::string MatchabilitySurvey::description() const {
+  const MatchabilityGrid& grid = map_.grid;
+  const MatchabilityOptions& options = probe_.options();
+  return fmt::format("cells: {} of {} x {}, {} pixels of zoom {} each, from {} {}\n", needed_.size(), grid.columns,
+                     grid.rows, grid.step_px, grid.zoom, grid.first_column, grid.first_row) +
+         fmt::format("search: footprint {} m, {} m per pixel, {} m around, distinct {} m, texture {}, seed {}\n",
+                     options.footprint_m, options.gsd_m, options.radius_m, options.distinct_m, options.typical_texture,
+                     options.seed) +
+         fmt::format("limits: ratio {} {}, score {}, valid {}\n", options.limits.good_ratio, options.limits.weak_ratio,
+                     options.limits.min_score, options.limits.min_valid);
+}
+
+SharedWork::Worker MatchabilitySurvey::make_worker() const {
+  return [this, reader = std::make_shared<MapWindowReader>(ground_.tiles, kCachedTiles)](std::size_t task) {
+    const MatchabilityGrid& grid = map_.grid;
+    const std::size_t cell = needed_[task];
+    const PlaneBox box = box_around(ground_.frame, centre_of(grid, cell), probe_.reach_m());
+    const MapWindow window = reader->read(ground_.frame, box, probe_.options().gsd_m, Colour::grey);
+    // The noise seed is the cell's index in the world: it does not depend on the extent of the survey.
+    const auto columns = static_cast<std::uint64_t>(grid.columns);
+    const std::uint64_t column = cell % columns, row = cell / columns;
+    const std::uint64_t number = (static_cast<std::uint64_t>(grid.first_row) + row) << 32U |
+                                 (static_cast<std::uint64_t>(grid.first_column) + column);
+    return serialize_place(probe_.probe(window, number));
+  };
+}
+
+bool MatchabilitySurvey::add(std::size_t task, ByteView result) {
+  const auto place = parse_place(result);
+  if (place) map_.cells[needed_[task]] = *place;
+  return place.has_value();
+}
+
 MatchabilityMap survey_matchability(const TileSource& tiles, const Region& region, const LocalFrame& frame, int zoom,
                                     double step_m, const MatchabilityOptions& options, int threads,
                                     Progress& progress) {
-  MatchabilityMap map;
-  map.grid = grid_over(region, frame, zoom, step_m);
-  map.cells.resize(map.grid.cells());
-  const std::vector<std::size_t> needed = needed_cells(map.grid, region, frame, step_m);
-  const MatchabilityProbe probe(with_typical_texture(tiles, frame, map.grid, needed, options));
-  const SingleOpenCvThread one_opencv_thread;
-  const auto columns = static_cast<std::uint64_t>(map.grid.columns);
-  progress.begin("matchability", needed.size(), "places");
-  const auto make_worker = [&]() -> std::function<PlaceMatchability(std::size_t)> {
-    auto reader = std::make_shared<MapWindowReader>(tiles, kCachedTiles);
-    return [&, reader](std::size_t item) {
-      const PlaneBox box = box_around(frame, centre_of(map.grid, needed[item]), probe.reach_m());
-      const MapWindow window = reader->read(frame, box, options.gsd_m, Colour::grey);
-      // The noise seed is the cell's index in the world: it does not depend on the extent of the survey.
-      const std::uint64_t column = needed[item] % columns, row = needed[item] / columns;
-      const std::uint64_t number = (static_cast<std::uint64_t>(map.grid.first_row) + row) << 32U |
-                                   (static_cast<std::uint64_t>(map.grid.first_column) + column);
-      return probe.probe(window, number);
-    };
-  };
-  work_in_order<PlaceMatchability>(needed.size(), threads, make_worker,
-                                   [&](std::size_t item, const PlaceMatchability& place) {
-                                     map.cells[needed[item]] = place;
-                                     progress.advance();
-                                     return true;
-                                   });
-  progress.end();
-  return map;
+  MatchabilitySurvey survey({tiles, region, frame, zoom, step_m}, options);
+  do_alone(survey, threads, progress);
+  return survey.take();
 }
 
 namespace {

@@ -8,14 +8,18 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "base/progress.hpp"
+#include "base/shared_work.hpp"
 #include "geodesy/local_frame.hpp"
 #include "geodesy/region.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/tile_source.hpp"
 #include "package/manifest.hpp"
+#include "raster/single_opencv_thread.hpp"
 #include "vision/matchability.hpp"
 
 namespace nadir {
@@ -44,8 +48,43 @@ struct MatchabilityMap {
   const PlaceMatchability* at(LonLat position) const;
 };
 
-// zoom: of the grid's pixels. step_m: the side of the cells, rounded to whole pixels. Throws UsageError for more than
-// kMaxMatchabilityCells. `tiles` is read from several threads; the result does not depend on their number.
+// A cell as bytes: its class, then ratio, score, entropy, texture and valid as IEEE 754 doubles, little-endian. Nothing
+// for bytes that are no cell with a probe.
+Bytes serialize_place(const PlaceMatchability& place);
+std::optional<PlaceMatchability> parse_place(ByteView bytes);
+
+// What the survey probes, and where: zoom of the grid's pixels; step_m: the side of the cells, rounded to whole pixels.
+struct SurveyedGround {
+  const TileSource& tiles;  // read from several threads
+  const Region& region;
+  const LocalFrame& frame;
+  int zoom = 0;
+  double step_m = 100;
+};
+
+// A task is a cell.
+class MatchabilitySurvey final : public SharedWork {
+ public:
+  // ground: what it names must outlive the survey. Throws UsageError for more than kMaxMatchabilityCells.
+  MatchabilitySurvey(const SurveyedGround& ground, const MatchabilityOptions& options);
+
+  std::string what() const override { return "matchability"; }
+  std::string description() const override;
+  std::size_t tasks() const override { return needed_.size(); }
+  Worker make_worker() const override;
+  bool add(std::size_t task, ByteView result) override;
+
+  MatchabilityMap take() { return std::move(map_); }  // after all results
+
+ private:
+  SingleOpenCvThread one_thread_;
+  SurveyedGround ground_;
+  MatchabilityMap map_;
+  std::vector<std::size_t> needed_;  // cells
+  MatchabilityProbe probe_;
+};
+
+// All of it here. The result does not depend on the number of threads.
 MatchabilityMap survey_matchability(const TileSource& tiles, const Region& region, const LocalFrame& frame, int zoom,
                                     double step_m, const MatchabilityOptions& options, int threads, Progress& progress);
 

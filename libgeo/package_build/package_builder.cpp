@@ -217,7 +217,7 @@ PackageReport fill_package(const fs::path& folder, const PackageRequest& request
   report.zoom = mission.zoom;
   const fs::path tiles = folder / file_of(request.tiles.container);
   fs::create_directories(tiles.parent_path());
-  TileSet set = make_tiles(TilePlan(mission, build.inputs, build.range, request.tiles), tiles);
+  TileSet set = make_tiles(tiles);
   set.facts.sources = stated_sources(set.sidecars, build.inputs);
   if (set.over_budget) {
     report.findings = check_budget(mission, set.tile_bytes, set.expected_bytes);
@@ -269,7 +269,9 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
     staging.keep(false);
     report = fill_package(
         staging.path(), request, build,
-        [&](const TilePlan& plan, const fs::path& file) { return build_tile_set(plan, file, journal, progress); },
+        [&](const fs::path& file) {
+          return build_tile_set({build.mission, build.inputs, build.range, request.tiles}, file, journal, progress);
+        },
         progress);
     if (report.findings.has_errors()) {
       progress.end();

@@ -50,6 +50,7 @@ struct PackageReport {
   std::uint64_t tiles = 0;
   std::uint64_t resumed = 0;  // of them, tiles of the finest zoom from the interrupted build
   std::uint64_t bytes = 0;    // of the whole package
+  bool was_there = false;     // with the same bytes; nothing was written
   ZoomRange zoom;
   std::optional<TerrainGrid> terrain;
   std::optional<VectorFacts> vectors;
@@ -84,7 +85,7 @@ std::string describe_tiles(const PackageRequest& request, std::string_view missi
 
 // Writes the whole package into the folder. make_tiles: writes the tile set. Without errors in the report's findings
 // the folder is complete.
-using MakeTiles = std::function<TileSet(const TilePlan& plan, const std::filesystem::path& file)>;
+using MakeTiles = std::function<TileSet(const std::filesystem::path& file)>;
 PackageReport fill_package(const std::filesystem::path& folder, const PackageRequest& request,
                            const PreparedBuild& build, const MakeTiles& make_tiles, Progress& progress);
 

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -317,94 +316,6 @@ ShardPlanReport plan_shards(const PackageRequest& request, int shards, const fs:
     report.most_tiles = std::max(report.most_tiles, tiles.finest_tiles(part.first, part.last));
   }
   return report;
-}
-
-namespace {
-
-std::optional<std::int64_t> whole_number(std::string_view text) {
-  std::int64_t value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
-  return value;
-}
-
-[[noreturn]] void refuse_shard(std::string where, std::string expected, std::string found, std::string fix = {}) {
-  throw UsageError({.what = "this is no shard of the plan",
-                    .where = std::move(where),
-                    .expected = std::move(expected),
-                    .found = std::move(found),
-                    .fix = std::move(fix)});
-}
-
-int shard_of_engine(int shards, const EnvironmentVariable& variable) {
-  struct Engine {
-    const char* name;
-    std::int64_t first;  // index of the first task
-    const char* counted;
-  };
-  static constexpr std::array kEngines = {Engine{"SLURM_ARRAY_TASK_ID", 1, "sbatch --array=1-{}"},
-                                          Engine{"JOB_COMPLETION_INDEX", 0, "completions: {}"},
-                                          Engine{"AWS_BATCH_JOB_ARRAY_INDEX", 0, "an array of size {}"}};
-  const Engine* engine = nullptr;
-  std::string index;
-  for (const Engine& one : kEngines) {
-    const auto value = variable(one.name);
-    if (!value) continue;
-    if (engine != nullptr) {
-      throw UsageError({.what = "two schedulers name a shard",
-                        .where = "--shard auto",
-                        .expected = "one of their variables",
-                        .found = fmt::format("{} and {}", engine->name, one.name),
-                        .fix = "state the shard: --shard I/N"});
-    }
-    engine = &one;
-    index = *value;
-  }
-  if (engine == nullptr) {
-    throw UsageError({.what = "no scheduler names a shard",
-                      .where = "--shard auto",
-                      .expected = "SLURM_ARRAY_TASK_ID, JOB_COMPLETION_INDEX or AWS_BATCH_JOB_ARRAY_INDEX",
-                      .found = "none of them",
-                      .fix = "run it as a task of an array, or state the shard: --shard I/N"});
-  }
-  const std::string fix =
-      "number the tasks so: " +
-      fmt::format(fmt::runtime(engine->counted), shards == 1 ? std::string("1") : std::to_string(shards));
-  const std::int64_t last = engine->first + shards - 1;
-  const auto check = [&](const char* name, const std::string& text) {
-    const auto number = whole_number(text);
-    if (number && *number >= engine->first && *number <= last) return *number;
-    refuse_shard(name, fmt::format("{} to {}", engine->first, last), text, fix);
-  };
-  // An array from 0 on would make shard 1 of its second task, and never the last shard: every task refuses it.
-  if (const auto first = variable("SLURM_ARRAY_TASK_MIN"); first && engine->first == 1) {
-    check("SLURM_ARRAY_TASK_MIN", *first);
-  }
-  if (const auto most = variable("SLURM_ARRAY_TASK_MAX"); most && engine->first == 1) {
-    check("SLURM_ARRAY_TASK_MAX", *most);
-  }
-  return static_cast<int>(check(engine->name, index) - engine->first) + 1;
-}
-
-}  // namespace
-
-int parse_shard(std::string_view text, int shards, const EnvironmentVariable& variable) {
-  if (text == "auto") return shard_of_engine(shards, variable);
-  const std::size_t slash = text.find('/');
-  const auto index = whole_number(text.substr(0, slash));
-  const auto of =
-      slash == std::string_view::npos ? std::optional<std::int64_t>(shards) : whole_number(text.substr(slash + 1));
-  if (!index || !of) {
-    refuse_shard("--shard", "I/N (3/8), I, or auto", std::string(text));
-  }
-  if (*of != shards) {
-    refuse_shard("--shard", fmt::format("one of {} shards", shards), fmt::format("one of {}", *of),
-                 "the plan says how many there are");
-  }
-  if (*index < 1 || *index > shards) {
-    refuse_shard("--shard", fmt::format("1/{0} to {0}/{0}", shards), std::string(text));
-  }
-  return static_cast<int>(*index);
 }
 
 }  // namespace nadir

@@ -20,12 +20,12 @@
 #include "base/error.hpp"
 #include "package_build/package_builder.hpp"
 #include "package_build/pinned_file.hpp"
+#include "package_build/shards.hpp"
 
 namespace nadir {
 
 inline constexpr const char* kShardPlanFile = "plan.json";
 inline constexpr const char* kShardPlanMission = "mission.yaml";
-inline constexpr int kMaxShards = 100'000;
 
 struct PinnedLayer {
   std::filesystem::path path;
@@ -70,11 +70,5 @@ ShardPlan parse_shard_plan(std::string_view json, std::string_view mission_text,
 
 // Splits the metatiles into spans with about as many tiles of the finest zoom each.
 std::vector<MetatileSpan> split_metatiles(const TilePlan& plan, int shards);
-
-// Which shard, from "I/N", "I", or "auto": from the variables that Slurm (SLURM_ARRAY_TASK_ID, from 1 on), Kubernetes
-// (JOB_COMPLETION_INDEX, from 0 on) and AWS Batch (AWS_BATCH_JOB_ARRAY_INDEX, from 0 on) set for the tasks of an array.
-// variable: of the environment. Throws UsageError for anything that is not one of 1 to `shards`.
-using EnvironmentVariable = std::function<std::optional<std::string>(const char* name)>;
-int parse_shard(std::string_view text, int shards, const EnvironmentVariable& variable);
 
 }  // namespace nadir

@@ -161,6 +161,15 @@ std::uint64_t finest_tiles_in(const Metatile& metatile, int finest) {
                     [&](const EncodedTile& tile) { return tile.sidecar.key.z == finest; }));
 }
 
+// Neighbours along the curve, which one thread makes: what two threads read at the border between them is decoded by
+// each. With runs of one, two threads took 10 % more CPU time than one (3 km x 3 km, DEFLATE in blocks of 256 pixels).
+// So many runs that all threads end at about the same time.
+std::size_t metatiles_per_run(std::size_t metatiles, int threads) {
+  constexpr std::size_t kMostMetatiles = 4, kRunsPerThread = 8;
+  return std::clamp<std::size_t>(metatiles / (kRunsPerThread * static_cast<std::size_t>(std::max(1, threads))), 1,
+                                 kMostMetatiles);
+}
+
 }  // namespace
 
 std::uint64_t make_metatiles(const TilePlan& plan, MetatileSpan part, BuildJournal& journal, const TakeMetatile& take,
@@ -188,15 +197,24 @@ std::uint64_t make_metatiles(const TilePlan& plan, MetatileSpan part, BuildJourn
     resumed += finest_tiles_in(*metatile, plan.range.zoom);
     if (!hand_on(std::move(*metatile))) return resumed;
   }
-  const auto make_worker = [&]() -> std::function<Metatile(std::size_t)> {
-    return [&, layers = layers_of(plan.inputs)](std::size_t item) {
-      return render_metatile(plan.metatiles[done + item], plan.range, layers, feather_px, encoder);
+  using Run = std::vector<Metatile>;
+  const std::size_t left = part.last - done, run_length = metatiles_per_run(left, plan.options.threads);
+  const auto make_worker = [&]() -> std::function<Run(std::size_t)> {
+    return [&, layers = layers_of(plan.inputs)](std::size_t run) {
+      Run metatiles;
+      for (std::size_t i = run * run_length; i < std::min(left, (run + 1) * run_length); ++i) {
+        metatiles.push_back(render_metatile(plan.metatiles[done + i], plan.range, layers, feather_px, encoder));
+      }
+      return metatiles;
     };
   };
-  work_in_order<Metatile>(part.last - done, plan.options.threads, make_worker, [&](std::size_t, Metatile metatile) {
-    journal.add(serialize_metatile(metatile));
-    return hand_on(std::move(metatile));
-  });
+  const auto take_run = [&](std::size_t, Run metatiles) {
+    return std::all_of(metatiles.begin(), metatiles.end(), [&](Metatile& metatile) {
+      journal.add(serialize_metatile(metatile));
+      return hand_on(std::move(metatile));
+    });
+  };
+  work_in_order<Run>((left + run_length - 1) / run_length, plan.options.threads, make_worker, take_run);
   return resumed;
 }
 

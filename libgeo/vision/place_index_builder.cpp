@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <functional>
 #include <memory>
@@ -87,12 +88,11 @@ std::vector<PlaceChunk> lay_out(const IndexedMap& map, const LocalFrame& frame, 
 
 double valid_share(const cv::Mat& mask) { return cv::countNonZero(mask) / static_cast<double>(mask.total()); }
 
-struct Described {
-  bool valid = false;  // enough of the patch shows ground
-  std::optional<RawPlaceDescriptor> descriptor = std::nullopt;
-};
-
-using Run = std::vector<Described>;
+DescribedChunk describe(const PlacePatch& patch) {
+  if (valid_share(patch.mask) < kMinChunkValid) return {};
+  if (texture_of(patch) < kMinPlaceTexture) return {.valid = true};
+  return {.valid = true, .descriptor = describe_place(patch)};
+}
 
 // A view of the map as a frame may show it.
 struct View {
@@ -101,140 +101,173 @@ struct View {
   PatchPlacement placement;
 };
 
-class Builder {
- public:
-  Builder(const IndexedMap& map, const PlaceIndexOptions& options, Progress& progress)
-      : map_(map), options_(options), progress_(progress) {
-    table_.imagery_root = map.merkle_root;
-    table_.origin_lon_e7 = e7(map.origin.lon_deg);
-    table_.origin_lat_e7 = e7(map.origin.lat_deg);
-    table_.overlap_percent = options.overlap_percent;
-    table_.zoom = map.keys.front().z;
+std::vector<View> draw_views(const PlaceTable& table) {
+  Random random = Random(1).fork("place index training");
+  std::vector<View> views(training_views(table.chunks.size()));
+  for (View& view : views) {
+    view.chunk = static_cast<std::size_t>(random.uniform() * static_cast<double>(table.chunks.size()));
+    view.layer = &*std::find_if(table.layers.begin(), table.layers.end(),
+                                [&](const auto& one) { return view.chunk < one.first + one.count; });
+    const double side_px = static_cast<double>(view.layer->side_px);
+    view.placement.shift_px = {random.uniform(-kTrainingShift, kTrainingShift) * side_px,
+                               random.uniform(-kTrainingShift, kTrainingShift) * side_px};
+    view.placement.turn_rad = random.uniform(0, 2 * std::numbers::pi);
+    view.placement.pixels_per_px = random.uniform(kMinTrainingScale, kMaxTrainingScale);
+    view.placement.side_px = static_cast<int>(view.layer->side_px);
   }
+  return views;
+}
 
-  PlaceIndex run() {
-    const LocalFrame frame(table_.origin());
-    for (std::size_t i = 0; i < options_.footprints_m.size(); ++i) describe(layer_of(i, map_, options_), frame);
-    if (descriptors_.empty()) {
-      throw UsageError({.what = "the map has nothing to index",
-                        .expected = "ground with some texture",
-                        .found = "no chunk that is half covered and has texture"});
-    }
-    table_.projection = train_projection(training_set());
-    std::vector<PlaceVector> vectors;
-    vectors.reserve(descriptors_.size());
-    for (const RawPlaceDescriptor& descriptor : descriptors_) vectors.push_back(table_.projection.project(descriptor));
-    PlaceVectors index(vectors);
-    return {std::move(table_), std::move(index)};
-  }
+PlacePatch cut(ChunkReader& reader, const PlaceTable& table, View view) {
+  const MapWindow window = reader.around(*view.layer, table.chunks[view.chunk], kTrainingWindow);
+  view.placement.centre = {window.image.cols / 2.0, window.image.rows / 2.0};
+  return PatchCutter(window.image, window.mask, 1).cut(view.placement);
+}
 
- private:
-  static LonLat rounded(LonLat place) {
-    return {static_cast<double>(e7(place.lon_deg)) / 1e7, static_cast<double>(e7(place.lat_deg)) / 1e7};
-  }
-
-  void describe(PlaceLayer layer, const LocalFrame& frame) {
-    const std::vector<PlaceChunk> chunks = lay_out(map_, frame, layer, options_.overlap_percent);
-    progress_.begin(fmt::format("describing places of {:.0f} m", layer.side_m()), chunks.size(), "places");
-    layer.first = table_.chunks.size();
-    // Runs of neighbours, because they share decoded tiles.
-    work_in_order<Run>((chunks.size() + kChunksPerTask - 1) / kChunksPerTask, options_.threads,
-                       [&]() -> std::function<Run(std::size_t)> {
-                         const auto reader = std::make_shared<ChunkReader>(*map_.tiles, table_.origin());
-                         return [&, reader](std::size_t run) {
-                           Run described;
-                           for (std::size_t i = run * kChunksPerTask;
-                                i < std::min(chunks.size(), (run + 1) * kChunksPerTask); ++i) {
-                             described.push_back(describe(reader->read(layer, chunks[i])));
-                           }
-                           return described;
-                         };
-                       },
-                       [&](std::size_t run, const Run& described) {
-                         for (std::size_t i = 0; i < described.size(); ++i)
-                           add(layer, chunks[run * kChunksPerTask + i], described[i]);
-                         progress_.advance(described.size());
-                         return true;
-                       });
-    layer.count = table_.chunks.size() - layer.first;
-    table_.layers.push_back(layer);
-    progress_.end();
-  }
-
-  static Described describe(const PlacePatch& patch) {
-    if (valid_share(patch.mask) < kMinChunkValid) return {};
-    if (texture_of(patch) < kMinPlaceTexture) return {.valid = true};
-    return {.valid = true, .descriptor = describe_place(patch)};
-  }
-
-  void add(PlaceLayer& layer, const PlaceChunk& chunk, const Described& described) {
-    if (!described.descriptor) {
-      ++(described.valid ? layer.textureless : layer.invalid);
-      return;
-    }
-    if (table_.chunks.size() == kMaxPlaceChunks) throw UsageError({.what = "too many chunks for one index"});
-    table_.chunks.push_back(chunk);
-    descriptors_.push_back(*described.descriptor);
-  }
-
-  // The chunks, and views of the map as a frame may show it: anywhere, turned, a little larger or smaller.
-  std::vector<RawPlaceDescriptor> training_set() {
-    std::vector<RawPlaceDescriptor> samples;
-    const std::size_t step = descriptors_.size() / kTrainingChunks + 1;
-    for (std::size_t i = 0; i < descriptors_.size(); i += step) samples.push_back(descriptors_[i]);
-    const std::vector<View> views = draw_views();
-    progress_.begin("training the projection", views.size(), "views");
-    work_in_order<Described>(
-        views.size(), options_.threads,
-        [&]() -> std::function<Described(std::size_t)> {
-          const auto reader = std::make_shared<ChunkReader>(*map_.tiles, table_.origin());
-          return [&, reader](std::size_t view) { return describe(cut(*reader, views[view])); };
-        },
-        [&](std::size_t, const Described& described) {
-          if (described.descriptor) samples.push_back(*described.descriptor);
-          progress_.advance();
-          return true;
-        });
-    progress_.end();
-    return samples;
-  }
-
-  std::vector<View> draw_views() const {
-    Random random = Random(1).fork("place index training");
-    std::vector<View> views(training_views(table_.chunks.size()));
-    for (View& view : views) {
-      view.chunk = static_cast<std::size_t>(random.uniform() * static_cast<double>(table_.chunks.size()));
-      view.layer = &*std::find_if(table_.layers.begin(), table_.layers.end(),
-                                  [&](const auto& one) { return view.chunk < one.first + one.count; });
-      const double side_px = static_cast<double>(view.layer->side_px);
-      view.placement.shift_px = {random.uniform(-kTrainingShift, kTrainingShift) * side_px,
-                                 random.uniform(-kTrainingShift, kTrainingShift) * side_px};
-      view.placement.turn_rad = random.uniform(0, 2 * std::numbers::pi);
-      view.placement.pixels_per_px = random.uniform(kMinTrainingScale, kMaxTrainingScale);
-      view.placement.side_px = static_cast<int>(view.layer->side_px);
-    }
-    return views;
-  }
-
-  PlacePatch cut(ChunkReader& reader, View view) const {
-    const MapWindow window = reader.around(*view.layer, table_.chunks[view.chunk], kTrainingWindow);
-    view.placement.centre = {window.image.cols / 2.0, window.image.rows / 2.0};
-    return PatchCutter(window.image, window.mask, 1).cut(view.placement);
-  }
-
-  const IndexedMap& map_;
-  const PlaceIndexOptions& options_;
-  Progress& progress_;
-  PlaceTable table_;
-  std::vector<RawPlaceDescriptor> descriptors_;
-};
+enum ChunkKind : std::uint8_t { kInvalid = 0, kTextureless = 1, kDescribed = 2 };
 
 }  // namespace
+
+Bytes serialize_chunks(const std::vector<DescribedChunk>& chunks) {
+  Bytes bytes;
+  for (const DescribedChunk& chunk : chunks) {
+    bytes.push_back(chunk.descriptor ? kDescribed : chunk.valid ? kTextureless : kInvalid);
+    if (!chunk.descriptor) continue;
+    for (const float value : *chunk.descriptor) {
+      const auto bits = std::bit_cast<std::uint32_t>(value);
+      for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<std::uint8_t>(bits >> shift));
+    }
+  }
+  return bytes;
+}
+
+std::optional<std::vector<DescribedChunk>> parse_chunks(ByteView bytes, std::size_t count) {
+  std::vector<DescribedChunk> chunks;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (bytes.empty() || bytes[0] > kDescribed) return std::nullopt;
+    DescribedChunk& chunk = chunks.emplace_back();
+    chunk.valid = bytes[0] != kInvalid;
+    const bool described = bytes[0] == kDescribed;
+    bytes = bytes.subspan(1);
+    if (!described) continue;
+    if (bytes.size() < 4 * kRawPlaceSize) return std::nullopt;
+    for (float& value : chunk.descriptor.emplace()) {
+      std::uint32_t bits = 0;
+      for (std::size_t byte = 4; byte > 0; --byte) bits = bits << 8 | bytes[byte - 1];
+      value = std::bit_cast<float>(bits);
+      if (!std::isfinite(value)) return std::nullopt;
+      bytes = bytes.subspan(4);
+    }
+  }
+  return bytes.empty() ? std::optional(std::move(chunks)) : std::nullopt;
+}
+
+PlaceIndexBuilder::PlaceIndexBuilder(const IndexedMap& map, const PlaceIndexOptions& options)
+    : map_(map), options_(options) {
+  table_.imagery_root = map.merkle_root;
+  table_.origin_lon_e7 = e7(map.origin.lon_deg);
+  table_.origin_lat_e7 = e7(map.origin.lat_deg);
+  table_.overlap_percent = options.overlap_percent;
+  table_.zoom = map.keys.front().z;
+  const LocalFrame frame(table_.origin());
+  for (std::size_t i = 0; i < options.footprints_m.size(); ++i) {
+    const PlaceLayer layer = layer_of(i, map, options);
+    const std::vector<PlaceChunk> chunks = lay_out(map, frame, layer, options.overlap_percent);
+    for (std::size_t first = 0; first < chunks.size(); first += kChunksPerTask) {
+      const auto begin = chunks.begin() + static_cast<std::ptrdiff_t>(first);
+      const std::size_t count = std::min(kChunksPerTask, chunks.size() - first);
+      runs_.push_back({i, {begin, begin + static_cast<std::ptrdiff_t>(count)}});
+    }
+    table_.layers.push_back(layer);
+  }
+}
+
+std::string PlaceIndexBuilder::description() const {
+  std::string text = fmt::format("places: {}, imagery {}, zoom {}, origin {} {}, overlap {} %\n", kPlaceDescriptorName,
+                                 table_.imagery_root.hex(), table_.zoom, table_.origin_lon_e7, table_.origin_lat_e7,
+                                 table_.overlap_percent);
+  for (const PlaceLayer& layer : table_.layers) {
+    text += fmt::format("layer: {} mm in {} pixels\n", layer.side_mm, layer.side_px);
+  }
+  return text;
+}
+
+SharedWork::Worker PlaceIndexBuilder::make_worker() const {
+  return [this, reader = std::make_shared<ChunkReader>(*map_.tiles, table_.origin())](std::size_t task) {
+    const Run& run = runs_[task];
+    std::vector<DescribedChunk> described;
+    for (const PlaceChunk& chunk : run.chunks)
+      described.push_back(describe(reader->read(table_.layers[run.layer], chunk)));
+    return serialize_chunks(described);
+  };
+}
+
+bool PlaceIndexBuilder::add(std::size_t task, ByteView result) {
+  const Run& run = runs_[task];
+  const auto described = parse_chunks(result, run.chunks.size());
+  if (!described) return false;
+  PlaceLayer& layer = table_.layers[run.layer];
+  for (std::size_t i = 0; i < run.chunks.size(); ++i) {
+    const DescribedChunk& chunk = (*described)[i];
+    if (!chunk.descriptor) {
+      ++(chunk.valid ? layer.textureless : layer.invalid);
+      continue;
+    }
+    if (table_.chunks.size() == kMaxPlaceChunks) throw UsageError({.what = "too many chunks for one index"});
+    ++layer.count;
+    table_.chunks.push_back(run.chunks[i]);
+    descriptors_.push_back(*chunk.descriptor);
+  }
+  return true;
+}
+
+PlaceIndex PlaceIndexBuilder::finish(Progress& progress) {
+  if (descriptors_.empty()) {
+    throw UsageError({.what = "the map has nothing to index",
+                      .expected = "ground with some texture",
+                      .found = "no chunk that is half covered and has texture"});
+  }
+  std::size_t first = 0;
+  for (PlaceLayer& layer : table_.layers) {
+    layer.first = first;
+    first += layer.count;
+  }
+  table_.projection = train_projection(training_set(progress));
+  std::vector<PlaceVector> vectors;
+  vectors.reserve(descriptors_.size());
+  for (const RawPlaceDescriptor& descriptor : descriptors_) vectors.push_back(table_.projection.project(descriptor));
+  PlaceVectors index(vectors);
+  return {std::move(table_), std::move(index)};
+}
+
+// The chunks, and views of the map as a frame may show it: anywhere, turned, a little larger or smaller.
+std::vector<RawPlaceDescriptor> PlaceIndexBuilder::training_set(Progress& progress) const {
+  std::vector<RawPlaceDescriptor> samples;
+  const std::size_t step = descriptors_.size() / kTrainingChunks + 1;
+  for (std::size_t i = 0; i < descriptors_.size(); i += step) samples.push_back(descriptors_[i]);
+  const std::vector<View> views = draw_views(table_);
+  progress.begin("training the projection", views.size(), "views");
+  work_in_order<DescribedChunk>(
+      views.size(), options_.threads,
+      [&]() -> std::function<DescribedChunk(std::size_t)> {
+        const auto reader = std::make_shared<ChunkReader>(*map_.tiles, table_.origin());
+        return [&, reader](std::size_t view) { return describe(cut(*reader, table_, views[view])); };
+      },
+      [&](std::size_t, const DescribedChunk& described) {
+        if (described.descriptor) samples.push_back(*described.descriptor);
+        progress.advance();
+        return true;
+      });
+  progress.end();
+  return samples;
+}
 
 double place_footprint_m(double width_m, double height_m) { return std::sqrt(width_m * height_m); }
 
 PlaceIndex build_place_index(const IndexedMap& map, const PlaceIndexOptions& options, Progress& progress) {
-  return Builder(map, options, progress).run();
+  PlaceIndexBuilder builder(map, options);
+  do_alone(builder, options.threads, progress);
+  return builder.finish(progress);
 }
 
 }  // namespace nadir

@@ -81,6 +81,44 @@ TEST_F(CacheIndex, TheIndexedPackageIsAcceptedAndReproducible) {
   EXPECT_NE(opening.package, nullptr);
 }
 
+TEST_F(CacheIndex, OfSeveralMachinesIsThatOfOne) {
+  const auto alone = contents(indexed("alone"));
+  const fs::path package = maker_.make(folder_);
+  const std::string work = folder_ / "work";
+  const auto shard = [&](int number, int shards) {
+    return index({package.string(), "--shards", work, "--shard", fmt::format("{}/{}", number, shards)});
+  };
+  for (const int shards : {1, 2, 3, 8}) {
+    fs::remove_all(work);
+    fs::create_directory(work);
+    for (int i = shards; i >= 1; --i) ASSERT_EQ(shard(i, shards), 0) << err_.str();
+    ASSERT_EQ(index({package.string(), "--shards", work, "--key", key().string()}), 0) << err_.str();
+    EXPECT_EQ(contents(package), alone) << shards;
+  }
+  ASSERT_EQ(shard(8, 8), 0);
+  EXPECT_NE(out_.str().find("complete already"), std::string::npos) << out_.str();
+  fs::remove_all(fs::path(work) / "index-5-of-8");
+  EXPECT_EQ(index({package.string(), "--shards", work, "--key", key().string()}), 2);
+  EXPECT_NE(err_.str().find("index " + package.string() + " --shards"), std::string::npos) << err_.str();
+
+  // A tile that was changed, dates that were, another mission: nothing is made of them.
+  const Bytes tiles = read_file(package / kImageryFile), mission = read_file(package / kMissionFile);
+  fs::remove_all(work);
+  fs::create_directory(work);
+  test::sqlite(package / kImageryFile, "UPDATE tiles SET tile_data = zeroblob(length(tile_data))");
+  EXPECT_EQ(shard(1, 1), 2);
+  EXPECT_NE(err_.str().find("a tile of the package is damaged"), std::string::npos) << err_.str();
+  write_file_atomic(package / kImageryFile, tiles);
+  test::sqlite(package / kImageryFile, "UPDATE nadir_sidecars SET captured_at = '2024-04-02T00:00:00Z'");
+  EXPECT_EQ(shard(1, 1), 1);
+  EXPECT_NE(out_.str().find("tiles.root"), std::string::npos) << out_.str();
+  write_file_atomic(package / kImageryFile, tiles);
+  write_file_atomic(package / kMissionFile, std::string(as_text(mission)) + "#");
+  EXPECT_EQ(shard(1, 1), 2);
+  EXPECT_NE(err_.str().find("not that of its manifest"), std::string::npos) << err_.str();
+  EXPECT_FALSE(fs::exists(fs::path(work) / "index-1-of-1"));
+}
+
 TEST_F(CacheIndex, ASignedPackageIsNotChangedWithoutItsKey) {
   const fs::path package = maker_.make(folder_);
   const auto before = contents(package);

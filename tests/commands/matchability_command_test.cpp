@@ -87,7 +87,7 @@ TEST_F(CacheMatchability, WaterOfThePackagesVectorsIsNoGround) {
   // Vectors that are not those of the manifest say nothing.
   write_file_atomic(package / kVectorsFile, lake + " ");
   EXPECT_EQ(run({"cache", "matchability", package.string(), "--footprint-m", "60"}), 2);
-  EXPECT_NE(err_.str().find("not those of its manifest"), std::string::npos) << err_.str();
+  EXPECT_NE(err_.str().find("not that of its manifest"), std::string::npos) << err_.str();
 }
 
 TEST_F(CacheMatchability, IsShownInTheReportOfVerify) {
@@ -152,6 +152,40 @@ TEST_F(MatchabilityInPackage, IsSignedVerifiedAndEqualToTheFileOfOut) {
       << err_.str();
   EXPECT_TRUE(fs::exists(map()));
   EXPECT_TRUE(verify(VerifyDepth::full).empty());
+}
+
+TEST_F(MatchabilityInPackage, OfSeveralMachinesIsThatOfOne) {
+  ASSERT_EQ(put({"--key", path("p.key.pem")}), 0) << err_.str();
+  const Bytes alone = read_file(map()), manifest = read_file(package_ / kManifestFile);
+  fs::create_directory(folder_ / "work");
+  const auto shard = [&](const std::string& number, const std::string& footprint = "60") {
+    return run({"cache", "matchability", package_.string(), "--footprint-m", footprint, "--search-m", "60", "--step-m",
+                "80", "--shards", path("work"), "--shard", number, "--json"});
+  };
+  for (const int shards : {1, 3}) {
+    fs::remove_all(folder_ / "work");
+    fs::create_directory(folder_ / "work");
+    std::size_t tasks = 0;
+    for (int i = 1; i <= shards; ++i) {
+      ASSERT_EQ(shard(std::to_string(i) + "/" + std::to_string(shards)), 0) << err_.str();
+      tasks += json::parse(out_.str())["tasks"].get<std::size_t>();
+    }
+    EXPECT_GT(tasks, 8U);
+    ASSERT_EQ(put({"--key", path("p.key.pem"), "--shards", path("work"), "--out", path("m.tif")}), 0) << err_.str();
+    EXPECT_EQ(read_file(map()), alone);
+    EXPECT_EQ(read_file(folder_ / "m.tif"), alone);
+    EXPECT_EQ(read_file(package_ / kManifestFile), manifest);
+  }
+  // Of other options, and what does not go together.
+  fs::remove_all(folder_ / "work" / "matchability-2-of-3");
+  ASSERT_EQ(shard("2/3", "50"), 0) << err_.str();
+  EXPECT_EQ(put({"--key", path("p.key.pem"), "--shards", path("work")}), 2);
+  EXPECT_NE(err_.str().find("footprint 50 m"), std::string::npos) << err_.str();
+  EXPECT_EQ(put({"--key", path("p.key.pem"), "--shards", path("work"), "--shard", "1/3"}), 2);
+  EXPECT_EQ(run({"cache", "matchability", (package_ / kImageryFile).string(), "--mission",
+                 (package_ / kMissionFile).string(), "--shards", path("work")}),
+            2);
+  EXPECT_EQ(shard("4/3"), 2);
 }
 
 TEST_F(MatchabilityInPackage, DetectsEveryFlippedByteAndItsRemoval) {

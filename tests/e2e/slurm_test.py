@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""A build shared by two nodes of a real Slurm, through the script of docs/scale.md: an array of shards and the merge that
+"""A build shared by two nodes of a real Slurm, through the scripts of docs/scale.md: an array of shards and the merge that
 depends on it. A node is killed while it works, slurmd, slurmstepd and nadir at once; its shard is requeued on the other
-node, and the package is that of one machine.
+node, and the package is that of one machine. So are its matchability map and place index.
 
 The controller, the nodes and munge run from a folder of their own, on free ports. Ends with 77 where Slurm is not installed."""
 import filecmp
@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 
-from support import NADIR, EndToEnd, main
+from support import CAMERA, NADIR, EndToEnd, main
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAMS = ["slurmctld", "slurmd", "munged", "sbatch", "squeue", "scontrol"]
@@ -170,15 +170,33 @@ class SlurmBuild(EndToEnd):
         self.cluster = Cluster(state)
         self.addCleanup(self.cluster.stop)
 
-    def submit(self):
-        """The script as the page prints it."""
+    def script(self, name, *arguments):
+        """Submits by a script as the page prints it: the array, and the job after it."""
         page = (ROOT / "docs" / "scale.md").read_text()
-        script = self.folder / "submit.sh"
-        script.write_text(re.search(r"```sh\n(#!/bin/bash\n# submit\.sh.*?)```", page, re.S).group(1))
-        output = self.cluster.call("bash", script, self.plan, SHARDS, self.folder / "signer.key.pem",
-                                   self.folder / "merged", "--ntasks=1", f"--output={self.folder}/job-%A-%a.log")
+        script = self.folder / name
+        script.write_text(re.search(rf"```sh\n(#!/bin/bash\n# {name}.*?)```", page, re.S).group(1))
+        output = self.cluster.call("bash", script, *arguments, "--ntasks=1", f"--output={self.folder}/job-%A-%a.log")
         self.assertRegex(output, r"^\d+ \d+\s*$")
         return output.split()
+
+    def submit(self):
+        return self.script("submit.sh", self.plan, SHARDS, self.folder / "signer.key.pem", self.folder / "merged")
+
+    def wait_for(self, job):
+        while (states := self.states(job))[0] != ["COMPLETED"]:
+            self.assertIn(states[0], (["PENDING"], ["RUNNING"], ["COMPLETING"]), states[1] + self.logs())
+            # Slurm lets a requeued task wait for two minutes; nobody else is waiting here.
+            for line in self.cluster.call("squeue", "-h", "-r", "-t", "PENDING", "-o", "%i %r").splitlines():
+                waiting, reason = line.split(" ", 1)
+                if reason == "BeginTime":
+                    self.cluster.call("scontrol", "update", f"jobid={waiting}", "StartTime=now")
+            time.sleep(0.3)
+
+    def same_files(self, one, other):
+        files = [sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file()) for folder in (one, other)]
+        self.assertEqual(files[0], files[1])
+        for file in files[0]:
+            self.assertTrue(filecmp.cmp(one / file, other / file, shallow=False), file)
 
     def stopped_in_its_work(self):
         """A task that has begun its shard and has not finished it, stopped so that it stays so: (pid, node, shard)."""
@@ -208,18 +226,7 @@ class SlurmBuild(EndToEnd):
         self.assertTrue(staging.exists())
         self.assertFalse((self.plan / f"shard-{shard}-of-{SHARDS}").exists())
 
-        while True:
-            states, text = self.states(merge)
-            if states == ["COMPLETED"]:
-                break
-            self.assertIn(states, (["PENDING"], ["RUNNING"], ["COMPLETING"]), text + self.logs())
-            # Slurm lets a requeued task wait for two minutes; nobody else is waiting here.
-            for line in self.cluster.call("squeue", "-h", "-r", "-t", "PENDING", "-o", "%i %r").splitlines():
-                job, reason = line.split(" ", 1)
-                if reason == "BeginTime":
-                    self.cluster.call("scontrol", "update", f"jobid={job}", "StartTime=now")
-            time.sleep(0.3)
-
+        self.wait_for(merge)
         _, text = self.states(array)
         restarts = {int(task): int(count) for task, count in
                     re.findall(r"ArrayTaskId=(\d+) .*?Restarts=(\d+)", text, re.S)}
@@ -227,11 +234,17 @@ class SlurmBuild(EndToEnd):
         self.assertEqual(["COMPLETED"] * SHARDS, self.states(array)[0])
         self.good("cache", "build", *self.inputs, "--key", self.folder / "signer.key.pem", "--out", self.folder / "whole")
         whole, merged = self.folder / "whole", self.folder / "merged"
-        files = [sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file()) for folder in (whole, merged)]
-        self.assertEqual(files[0], files[1])
-        for file in files[0]:
-            self.assertTrue(filecmp.cmp(whole / file, merged / file, shallow=False), file)
+        self.same_files(whole, merged)
         self.assertEqual([], [p.name for p in self.plan.iterdir() if p.name.startswith(".")])
+
+        # And the package's surveys.
+        key, camera = self.folder / "signer.key.pem", self.folder / "camera.yaml"
+        camera.write_text(CAMERA.format(width=320, height=240))
+        for verb, into in (("matchability", ["--into-package"]), ("index", [])):
+            _, merge = self.script("survey.sh", verb, merged, 2, key, camera, merge)
+            self.good("cache", verb, whole, "--camera", camera, *into, "--key", key)
+        self.wait_for(merge)
+        self.same_files(whole, merged)
 
     def logs(self):
         return "".join(f"\n{path.name}: {path.read_text()}" for path in sorted(self.folder.glob("job-*.log")))

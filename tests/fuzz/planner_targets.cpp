@@ -11,6 +11,7 @@
 #include "imagery/terrain_raster.hpp"
 #include "mission_formats/mavlink_plans.hpp"
 #include "mission_formats/mission_drawing.hpp"
+#include "package_build/matchability_survey.hpp"
 #include "package_build/metatile.hpp"
 #include "package_build/shard_plan.hpp"
 #include "raster/gdal_drivers.hpp"
@@ -21,6 +22,7 @@
 #include "replay/inertial_file.hpp"
 #include "replay/poses_file.hpp"
 #include "vision/camera.hpp"
+#include "vision/place_index_builder.hpp"
 
 namespace nadir::fuzz {
 
@@ -98,6 +100,19 @@ void metatile(std::string_view bytes) {
   }
   const std::optional<Metatile> metatile = parse_metatile(record);
   require(!metatile || serialize_metatile(*metatile) == record, "a metatile changes when it is written");
+}
+
+// First byte: how many chunks.
+void shard_result(std::string_view bytes) {
+  if (bytes.empty()) return;
+  const ByteView record = as_bytes(bytes.substr(1));
+  const auto same = [&](const Bytes& written) {
+    return std::equal(written.begin(), written.end(), record.begin(), record.end());
+  };
+  const auto chunks = parse_chunks(record, static_cast<std::uint8_t>(bytes[0]));
+  require(!chunks || same(serialize_chunks(*chunks)), "chunks change when they are written");
+  const auto place = parse_place(record);
+  require(!place || same(serialize_place(*place)), "a place changes when it is written");
 }
 
 // Whatever a VRT names, also itself, and however deeply: it is read to its end or refused.

@@ -53,6 +53,7 @@ const std::vector<Target>& targets() {
                                        {"picture", fuzz::picture},
                                        {"shard_plan", fuzz::shard_plan},
                                        {"metatile", fuzz::metatile},
+                                       {"shard_result", fuzz::shard_result},
                                        {"mbtiles", fuzz::mbtiles},
                                        {"tile_rows", fuzz::tile_rows},
                                        {"cog", fuzz::cog},

@@ -41,8 +41,9 @@ void numpy_array(std::string_view bytes);
 void picture(std::string_view bytes);  // JPEG, PNG, WebP, TIFF
 void onnx(std::string_view bytes);     // the description of a descriptor network
 
-void shard_plan(std::string_view bytes);  // of a build by several machines: plan.json, for the target's mission
-void metatile(std::string_view bytes);    // of a shard: a record without its pixels, which the target adds
+void shard_plan(std::string_view bytes);    // of a build by several machines: plan.json, for the target's mission
+void metatile(std::string_view bytes);      // of a shard: a record without its pixels, which the target adds
+void shard_result(std::string_view bytes);  // of a survey's: places of an index, a cell of matchability
 
 void mbtiles(std::string_view bytes);    // a file's bytes
 void tile_rows(std::string_view bytes);  // rows of a sound SQLite file, in any types

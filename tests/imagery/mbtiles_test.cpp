@@ -1,3 +1,4 @@
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -88,6 +89,32 @@ TEST(Mbtiles, IsDeterministic) {
   write_set(folder / "a.mbtiles");
   write_set(folder / "b.mbtiles");
   EXPECT_EQ(read_file(folder / "a.mbtiles"), read_file(folder / "b.mbtiles"));
+}
+
+// However the sizes of the first tiles fall: all tiles are there, in order, and in a file that is hardly larger.
+TEST(Mbtiles, PagesFitTheTiles) {
+  const test::TemporaryFolder folder;
+  struct Case {
+    std::size_t tiles, bytes;
+    int page_bytes;
+    double most;  // of the file, by the bytes of the tiles
+  };
+  for (const Case& one : {Case{2000, 3300, 65536, 1.1}, Case{2000, 13000, 4096, 1.1}, Case{999, 3300, 4096, 1.3},
+                          Case{1000, 7999, 65536, 1.2}, Case{1000, 8000, 4096, 1.1}, Case{3, 3'000'000, 4096, 1.1}}) {
+    const auto file = folder / fmt::format("{}-{}.mbtiles", one.tiles, one.bytes);
+    MbtilesWriter writer(file);
+    for (std::uint32_t i = 0; i < one.tiles; ++i) {
+      writer.add({14, i, i}, as_bytes(std::string(one.bytes, static_cast<char>('a' + i % 26))));
+    }
+    writer.finish();
+    EXPECT_EQ(sql(file, "PRAGMA page_size"), std::to_string(one.page_bytes) + "\n") << one.tiles;
+    EXPECT_EQ(
+        sql(file, "SELECT count(*), sum(length(tile_data)), min(tile_column), max(rowid - tile_column) FROM tiles"),
+        fmt::format("{}|{}|0|1\n", one.tiles, one.tiles * one.bytes));
+    EXPECT_LT(static_cast<double>(std::filesystem::file_size(file)),
+              one.most * static_cast<double>(one.tiles * one.bytes));
+    EXPECT_TRUE(MbtilesReader(file).read({14, 1, 1}));
+  }
 }
 
 TEST(Mbtiles, QuotesAwkwardNames) {

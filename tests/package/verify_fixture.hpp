@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <functional>
 
 #include "base/files.hpp"
 #include "package/package_maker.hpp"
@@ -32,6 +33,25 @@ class Verify : public ::testing::Test {
   Verification with_options(const std::filesystem::path& package, const VerifyOptions& options) {
     NoProgress progress;
     return verify_package(package, options, progress);
+  }
+
+  // Signs another description of the imagery.
+  void sign_imagery(const std::filesystem::path& package, const std::function<void(Artifact&)>& edit) {
+    Manifest manifest = *parse_manifest(read_file(package / kManifestFile)).manifest;
+    for (Artifact& artifact : manifest.artifacts) {
+      if (artifact.role == kRoleImagery) edit(artifact);
+    }
+    write_file_atomic(package / kManifestFile, manifest_json(manifest));
+    maker_.sign(package);
+  }
+  // Rows that were added or exchanged may have made the file longer, and that alone would refuse it.
+  void sign_sizes(const std::filesystem::path& package) {
+    sign_imagery(package,
+                 [&](Artifact& artifact) { artifact.size = std::filesystem::file_size(package / artifact.path); });
+  }
+  static Findings before_signing(const std::filesystem::path& package) {
+    NoProgress progress;
+    return check_before_signing(package, progress);
   }
 
   TemporaryFolder folder_;

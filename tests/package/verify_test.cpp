@@ -275,11 +275,7 @@ TEST_F(Verify, TilesRootForSwappedTilesWithRecomputedDigests) {
                " AND s.tile_column = b.tile_column AND s.tile_row = b.tile_row)"
                " WHERE zoom_level = 18 AND EXISTS (SELECT 1 FROM t WHERE t.tile_column = n.tile_column"
                " AND t.tile_row = n.tile_row);");
-  // Tiles of other lengths may have made the file longer, and that alone would refuse it.
-  Manifest manifest = *parse_manifest(read_file(package / kManifestFile)).manifest;
-  for (Artifact& artifact : manifest.artifacts) artifact.size = fs::file_size(package / artifact.path);
-  write_file_atomic(package / kManifestFile, manifest_json(manifest));
-  maker_.sign(package);
+  sign_sizes(package);
   expect("tiles.root", maker_.verify(package));
 }
 
@@ -313,16 +309,18 @@ TEST_F(Verify, TilesCount) {
 TEST_F(Verify, TilesCountForATileWithoutSidecar) {
   const fs::path package = maker_.make(folder_);
   test::sqlite(package / kImageryFile, "INSERT INTO tiles VALUES (10, 1, 1, x'00')");
+  sign_sizes(package);
   expect("tiles.count", maker_.verify(package));
 }
 
+// What a signer is told about tiles; who verifies a package trusts the signer with it.
 TEST_F(Verify, TileUndecodable) {
   maker_.edit_tile = [](Sidecar&, Bytes& tile) {
     tile.assign(100, 7);
     return true;
   };
   maker_.edit_manifest = [](Manifest& manifest) { manifest.artifacts[0].tiles->format = "jpeg"; };
-  expect("tile.undecodable", maker_.verify(maker_.make(folder_), VerifyDepth::full));
+  EXPECT_TRUE(before_signing(maker_.make(folder_)).contains("tile.undecodable"));
 }
 
 TEST_F(Verify, TileSize) {
@@ -330,12 +328,15 @@ TEST_F(Verify, TileSize) {
     if (sidecar.key.z == 17) tile = test::noise_tile(1, 128);
     return true;
   };
-  expect_only("tile.size", maker_.verify(maker_.make(folder_), VerifyDepth::full));
+  const Findings findings = before_signing(maker_.make(folder_));
+  EXPECT_TRUE(findings.contains("tile.size"));
+  for (const Finding& finding : findings.items()) EXPECT_EQ(finding.code, "tile.size") << finding.where;
 }
 
 TEST_F(Verify, TileMisaddressed) {
   const fs::path package = maker_.make(folder_);
   test::sqlite(package / kImageryFile, "INSERT INTO tiles VALUES (2, 4, 0, x'00')");
+  sign_sizes(package);
   expect("tile.misaddressed", maker_.verify(package));
   const fs::path second = maker_.make(folder_, "second");
   test::sqlite(second / kImageryFile,
@@ -392,12 +393,127 @@ TEST_F(Verify, SqliteCorrupt) {
   expect_only("sqlite.corrupt", maker_.verify(package));
 }
 
+// Full verification hashes a file once: by blocks, and none of its tiles. Nothing of the container may slip through.
+TEST_F(Verify, ArtifactHashForAContainerThatLeadsToTheSameTiles) {
+  for (const bool cog : {false, true}) {
+    maker_.cog = cog;
+    const fs::path package = maker_.make(folder_, cog ? "cog" : "mbtiles");
+    const fs::path file = package / maker_.imagery_file();
+    const Bytes good = read_file(file);
+    std::map<std::string, std::function<void(Bytes&)>> attacks = {
+        {"two blocks change places",
+         [](Bytes& bytes) { std::swap_ranges(bytes.begin() + 4096, bytes.begin() + 8192, bytes.end() - 8192); }},
+        {"the end replaced by what was there before", [](Bytes& bytes) {
+           std::copy(bytes.end() - 64, bytes.end() - 32, bytes.end() - 32);
+           bytes.back() ^= 0x40;
+         }}};
+    if (cog) {
+      // Two offsets beside each other, in the table of the finest zoom.
+      const CogReader reader(file);
+      const CogBlocks& blocks = reader.levels().front().picture;
+      std::size_t tile = 0;
+      while (blocks.sizes[tile] == 0 || blocks.sizes[tile + 1] == 0) ++tile;
+      Bytes wanted;
+      for (const std::uint64_t place : {blocks.places[tile], blocks.places[tile + 1]}) {
+        for (int i = 0; i < 4; ++i) wanted.push_back(static_cast<std::uint8_t>(place >> (8 * i)));
+      }
+      const auto table = [wanted](Bytes& bytes) {
+        const auto at = std::search(bytes.begin(), bytes.end(), wanted.begin(), wanted.end());
+        EXPECT_NE(at, bytes.end());
+        return at;
+      };
+      attacks["two offsets change places"] = [table](Bytes& bytes) {
+        const auto at = table(bytes);
+        std::swap_ranges(at, at + 4, at + 4);
+      };
+      attacks["two tiles overlap"] = [table](Bytes& bytes) { std::copy_n(table(bytes), 4, table(bytes) + 4); };
+    } else {
+      attacks["metadata that no tile depends on"] = [](Bytes& bytes) {
+        const std::string_view name = "agg_tiles_hash";
+        const auto at = std::search(bytes.begin(), bytes.end(), name.begin(), name.end());
+        ASSERT_NE(at, bytes.end());
+        at[20] ^= 1;
+      };
+      attacks["reserved bytes of the header"] = [](Bytes& bytes) { bytes[80] = 1; };
+      attacks["the program that wrote the file"] = [](Bytes& bytes) { bytes[99] ^= 1; };
+    }
+    for (const auto& [what, attack] : attacks) {
+      Bytes bad = good;
+      attack(bad);
+      ASSERT_NE(bad, good) << what;
+      overwrite(file, bad);
+      for (const int threads : {1, 3}) {
+        VerifyOptions options = maker_.options(VerifyDepth::full);
+        options.threads = threads;
+        expect("artifact.hash", with_options(package, options));
+      }
+    }
+    Bytes longer = good;  // behind the end, or beyond it
+    longer.push_back(0);
+    overwrite(file, longer);
+    expect_only("artifact.size", maker_.verify(package, VerifyDepth::full));
+  }
+}
+
+// A signer who compared one of a file's two digests would vouch for another file to those who compare the other.
+TEST_F(Verify, ASignerComparesAllDigestsAndTiles) {
+  for (const bool cog : {false, true}) {
+    maker_.cog = cog;
+    const fs::path package = maker_.make(folder_, cog ? "cog" : "mbtiles");
+    EXPECT_TRUE(before_signing(package).empty()) << codes(before_signing(package));
+    sign_imagery(package, [](Artifact& artifact) { artifact.sha256.bytes[0] ^= 1; });
+    EXPECT_TRUE(before_signing(package).contains("artifact.hash"));
+    sign_imagery(package, [](Artifact& artifact) {
+      artifact.sha256.bytes[0] ^= 1;
+      artifact.fsverity->bytes[0] ^= 1;
+    });
+    EXPECT_TRUE(before_signing(package).contains("artifact.hash"));
+    expect("artifact.hash", maker_.verify(package, VerifyDepth::full));
+    EXPECT_TRUE(maker_.verify(package).accepted());
+  }
+  // A tile that is not the one of its sidecar, in a file that is described as it is.
+  maker_.cog = false;
+  const fs::path package = maker_.make(folder_, "tile");
+  test::sqlite(package / kImageryFile, "UPDATE tiles SET tile_data = zeroblob(length(tile_data)) WHERE rowid = 5");
+  sign_imagery(package, [&](Artifact& artifact) {
+    const std::optional<TileSetFacts> tiles = artifact.tiles;
+    artifact = describe_file(package, kImageryFile, kRoleImagery);
+    artifact.tiles = tiles;
+  });
+  const Findings findings = before_signing(package);
+  EXPECT_TRUE(findings.contains("artifact.hash"));
+  // Signed nevertheless: no such tile is used.
+  NoProgress progress;
+  const Opening opening = open_package(package, maker_.options(VerifyDepth::full), progress);
+  ASSERT_TRUE(opening.package) << codes(opening.findings);
+  std::size_t missing = 0;
+  for (const Sidecar& tile : opening.package->imagery().sidecars()) {
+    if (!opening.package->imagery().read(tile.key)) ++missing;
+  }
+  EXPECT_EQ(missing, 1U);
+}
+
+TEST_F(Verify, APackageWithoutFsverityIsHashedAsBefore) {
+  maker_.edit_manifest = [](Manifest& manifest) { manifest.artifacts[0].fsverity.reset(); };
+  const fs::path package = maker_.make(folder_);
+  EXPECT_TRUE(maker_.verify(package, VerifyDepth::full).accepted());
+  EXPECT_TRUE(before_signing(package).empty());
+  flip(package / kImageryFile, 80);
+  expect("artifact.hash", maker_.verify(package, VerifyDepth::full));
+  EXPECT_TRUE(before_signing(package).contains("artifact.hash"));
+}
+
 TEST_F(Verify, MixAndMatchOfTwoValidPackages) {
-  const fs::path first = maker_.make(folder_, "first");
-  maker_.edit_tile = [](Sidecar& sidecar, Bytes& tile) {
-    tile = test::noise_tile(sidecar.key.x * 77 + sidecar.key.y);
-    return true;
+  const auto of_one_length = [](std::uint32_t factor) {  // and so of one size, the files that hold them
+    return [factor](Sidecar& sidecar, Bytes& tile) {
+      tile = test::noise_tile(sidecar.key.x * factor + sidecar.key.y);
+      tile.resize(100'000, 0);
+      return true;
+    };
   };
+  maker_.edit_tile = of_one_length(55);
+  const fs::path first = maker_.make(folder_, "first");
+  maker_.edit_tile = of_one_length(77);
   const fs::path second = maker_.make(folder_, "second");
   fs::copy_file(second / kImageryFile, first / kImageryFile, fs::copy_options::overwrite_existing);
   expect("tiles.root", maker_.verify(first));

@@ -76,10 +76,10 @@ class BuildShards : public test::PackageBuilder {
 
   MergeRequest merge_request(const std::string& plan, const std::string& out) {
     MergeRequest request;
-    request.plan = folder_ / plan;
+    request.plan_folder = folder_ / plan;
+    request.plan = read_shard_plan(request.plan_folder, "test");
     request.key = &key_;
     request.out = folder_ / out;
-    request.program = "test";
     return request;
   }
   PackageReport merge(const std::string& plan, const std::string& out) {
@@ -353,6 +353,39 @@ TEST_F(BuildShards, KilledAnywhereAMergeLeavesNoPackage) {
   }
   ASSERT_FALSE(merge("map.plan", "map.package").findings.has_errors());
   expect_same_files(folder_ / "map.whole", out);
+}
+
+// As a scheduler does that has lost the node on which it ended.
+TEST_F(BuildShards, AMergeThatIsRepeatedFindsItsPackage) {
+  plan(2, "map.plan");
+  all_shards("map.plan", 2);
+  EXPECT_FALSE(merge("map.plan", "map.package").was_there);
+  const fs::path manifest = folder_ / "map.package" / kManifestFile;
+  const auto time = fs::last_write_time(manifest);
+  const PackageReport again = merge("map.plan", "map.package");
+  EXPECT_TRUE(again.was_there);
+  EXPECT_GT(again.tiles, 0U);
+  EXPECT_EQ(fs::last_write_time(manifest), time);
+  // A byte of it, a file more or less, or a package of something else: not replaced, and said.
+  const auto refused = [&] { return error_of([&] { merge("map.plan", "map.package"); }); };
+  const fs::path tiles = folder_ / "map.package" / kImageryFile;
+  const Bytes good = read_file(tiles);
+  Bytes bad = good;
+  bad[bad.size() / 2] ^= 1;
+  write_file_atomic(tiles, bad);
+  EXPECT_EQ(refused().what, "there is a package already, and not the one of these shards");
+  EXPECT_EQ(read_file(tiles), bad);
+  write_file_atomic(tiles, good);
+  folder_.write("map.package/more", "x");
+  EXPECT_EQ(refused().found, "other files");
+  fs::remove(folder_ / "map.package" / "more");
+  fs::rename(folder_ / "map.package" / kSignatureFile, folder_ / "map.signature");
+  EXPECT_EQ(refused().found, "other files");
+  fs::rename(folder_ / "map.signature", folder_ / "map.package" / kSignatureFile);
+  EXPECT_TRUE(merge("map.plan", "map.package").was_there);
+  folder_.write("map.package/mission/mission.yaml", "id: other");
+  EXPECT_EQ(refused().what, "the output exists already");
+  EXPECT_THAT(left_behind(), testing::IsEmpty());
 }
 
 TEST_F(BuildShards, AFullDiskLosesNothing) {

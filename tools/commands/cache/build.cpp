@@ -1,7 +1,6 @@
 // `nadir cache build`: mission, imagery and elevation model to a signed package; or one shard of such a build.
 #include <fmt/format.h>
 
-#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -16,6 +15,7 @@
 #include "cli/output.hpp"
 #include "commands/cache/build_options.hpp"
 #include "commands/cache/package_signer.hpp"
+#include "commands/cache/shard_options.hpp"
 #include "commands/commands.hpp"
 #include "package_build/build_shards.hpp"
 
@@ -110,10 +110,7 @@ int CacheBuildCommand::run_shard(Context& context) {
   request.out = out_;
   request.threads = build_options_.threads();
   request.program = kVersion;
-  request.variable = [](const char* name) {
-    const char* text = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): before any thread
-    return text == nullptr ? std::nullopt : std::optional<std::string>(text);
-  };
+  request.variable = environment_variable;
   if (!context.quiet)
     request.on_remark = [&context](std::string_view remark) { context.err << printable(remark) << '\n'; };
   const ShardReport report = build_shard(request, context.progress);

@@ -21,6 +21,7 @@
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/cache/shard_options.hpp"
 #include "commands/commands.hpp"
 #include "datasets/place_recall.hpp"
 #include "geodesy/angles.hpp"
@@ -47,6 +48,12 @@ const Artifact& imagery_of(const Manifest& manifest) {
   const Artifact* imagery = manifest.artifact(kRoleImagery);
   if (imagery != nullptr && imagery->tiles) return *imagery;
   throw Error({.what = "the package has no imagery to index", .where = std::string(kManifestFile)});
+}
+
+// The map of a package, to be described.
+IndexedMap map_of(const TileSource& tiles, std::vector<TileKey> finest, const Manifest& manifest,
+                  const Mission& mission) {
+  return {&tiles, std::move(finest), imagery_of(manifest).tiles->merkle_root, mission.takeoff};
 }
 
 // Addresses of the finest zoom, in order.
@@ -178,9 +185,11 @@ class CacheIndexCommand final : public Command {
   int run(Context& context) override;
 
  private:
+  int make_shard(Context& context) const;
   int make(Context& context, const Manifest& manifest, const Mission& mission) const;
   int evaluate(Context& context, const Manifest& manifest, const Mission& mission) const;
   std::vector<double> footprints_m(const Mission& mission) const;
+  PlaceIndexOptions index_options(const Mission& mission) const;
 
   std::filesystem::path package_;
   std::optional<std::filesystem::path> key_;
@@ -190,6 +199,7 @@ class CacheIndexCommand final : public Command {
   std::optional<double> gsd_m_;
   int overlap_percent_ = 75;
   std::optional<int> threads_;
+  ShardOptions shards_{"nadir cache index", "index"};
   std::optional<std::string> evaluate_;
   std::uint64_t views_ = 200;
   std::uint64_t seed_ = 1;
@@ -208,6 +218,10 @@ give --key. All files are hashed first; a package that does not match its manife
 (exit code 1). The package changes in one step or not at all. Index before the package is
 distributed: two packages of one sequence, with and without index, should not both be in use.
 
+Several machines may share the work: each runs it with --shard I/N --shards FOLDER and the same
+options, which reads the package and writes the folder index-I-of-N; then one runs it with --shards
+FOLDER, and gets the index that it would have made alone, byte for byte.
+
 --evaluate changes nothing: it reports how often the correct place is among the first 1, 5 and 20,
 for frames with ground truth (a folder with frames/, telemetry.csv, camera.yaml, truth.csv) or for
 views synthesized from the map with another day's appearance (--evaluate simulated). A hit: the
@@ -217,6 +231,8 @@ true position lies inside the square.)";
 std::string_view CacheIndexCommand::examples() const {
   return R"(nadir cache index package --camera camera.yaml --key planner.key.pem
 nadir cache index package --camera camera.yaml --agl-m 100 --agl-m 250 --key planner.key.pem
+nadir cache index package --camera camera.yaml --shards work --shard 3/8
+nadir cache index package --camera camera.yaml --shards work --key planner.key.pem
 nadir cache index package --evaluate simulated
 nadir cache index package --evaluate flight --json)";
 }
@@ -239,6 +255,7 @@ void CacheIndexCommand::setup(Options& options) {
       .formerly("--overlap");
   options.value("--threads", threads_, "N", "threads; default: one per processor. The result does not depend on it")
       .between(1, 256);
+  shards_.setup(options);
   options.value("--evaluate", evaluate_, "DIR|simulated", "evaluate the existing index, without changing it");
   options.value("--views", views_, "N", "with --evaluate simulated: number of views").between(1, 100000);
   options.value("--seed", seed_, "N", "with --evaluate: random seed for views and heading errors");
@@ -265,7 +282,31 @@ std::vector<double> CacheIndexCommand::footprints_m(const Mission& mission) cons
   return layers_between(*least * per_metre, *most * per_metre);
 }
 
+PlaceIndexOptions CacheIndexCommand::index_options(const Mission& mission) const {
+  return {.footprints_m = footprints_m(mission),
+          .gsd_m = gsd_m_,
+          .overlap_percent = overlap_percent_,
+          .threads = threads_.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())))};
+}
+
+// Reads the tiles that it describes, and hashes those; whoever takes the shards hashes the whole package.
+int CacheIndexCommand::make_shard(Context& context) const {
+  const Manifest manifest = load_package_manifest(package_);
+  const Mission mission = read_signed_mission(package_, manifest);
+  const CheckedTileSet set = open_checked_tiles(package_, manifest, context.progress);
+  if (!set.tiles) return report_findings(context.out, context.json, set.findings);
+  std::vector<TileKey> finest;
+  for (const Sidecar& tile : set.tiles->sidecars()) {
+    if (tile.key.z == set.tiles->zooms().max) finest.push_back(tile.key);
+  }
+  const IndexedMap map = map_of(*set.tiles, std::move(finest), manifest, mission);
+  const PlaceIndexOptions options = index_options(mission);
+  return shards_.make(PlaceIndexBuilder(map, options), manifest, *set.tiles, options.threads, context);
+}
+
 int CacheIndexCommand::run(Context& context) {
+  shards_.check();
+  if (shards_.make_one()) return make_shard(context);
   const Manifest manifest = load_package_manifest(package_);
   if (!evaluate_) require_key_when_signed(package_, key_.has_value());
   const Findings findings = check_before_signing(package_, context.progress);
@@ -279,14 +320,12 @@ int CacheIndexCommand::make(Context& context, const Manifest& manifest, const Mi
   if (key_) key = read_signing_key(*key_);
   const Artifact& imagery = imagery_of(manifest);
   const std::unique_ptr<TileSource> tiles = open_tile_source(package_ / imagery.path);
-  IndexedMap map{tiles.get(), finest_keys(package_ / imagery.path, imagery.tiles->zoom.max), imagery.tiles->merkle_root,
-                 mission.takeoff};
-  const PlaceIndexOptions options{
-      .footprints_m = footprints_m(mission),
-      .gsd_m = gsd_m_,
-      .overlap_percent = overlap_percent_,
-      .threads = threads_.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())))};
-  const PlaceIndex index = build_place_index(map, options, context.progress);
+  const IndexedMap map =
+      map_of(*tiles, finest_keys(package_ / imagery.path, imagery.tiles->zoom.max), manifest, mission);
+  const PlaceIndexOptions options = index_options(mission);
+  PlaceIndexBuilder builder(map, options);
+  shards_.finish(builder, package_, manifest, options.threads, context.progress);
+  const PlaceIndex index = builder.finish(context.progress);
   const Amendment amendment{{kRolePlaceIndex, kRolePlaceTable},
                             [&](const std::filesystem::path& folder) { return write_place_index(folder, index); }};
   const AmendedPackage indexed =

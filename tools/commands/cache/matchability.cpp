@@ -10,6 +10,7 @@
 #include "cli/command.hpp"
 #include "cli/output.hpp"
 #include "commands/cache/matchability_request.hpp"
+#include "commands/cache/shard_options.hpp"
 #include "commands/cache/tile_set_subject.hpp"
 #include "commands/commands.hpp"
 #include "package/package_writer.hpp"
@@ -34,6 +35,9 @@ class CacheMatchabilityCommand final : public Command {
 
  private:
   void check_options() const;
+  int make_shard(Context& context);
+  MatchabilityResult survey(const TileSource& tiles, const Mission& mission, const std::optional<Manifest>& manifest,
+                            Progress& progress);
   int put_into_package(Context& context);
 
   std::filesystem::path subject_;
@@ -42,6 +46,7 @@ class CacheMatchabilityCommand final : public Command {
   bool into_package_ = false;
   std::optional<std::filesystem::path> key_;
   MatchabilityRequest request_;
+  ShardOptions shards_{"nadir cache matchability", "matchability"};
 };
 
 std::string_view CacheMatchabilityCommand::details() const {
@@ -58,12 +63,17 @@ Where the package has vectors (`cache build --vectors`), areas of water are no g
 package that does not match its manifest is rejected. The package changes in one step or not at
 all.
 
+Several machines may share a package's survey: each runs it with --shard I/N --shards FOLDER and the
+same options, which writes the folder matchability-I-of-N; then one runs it with --shards FOLDER,
+and gets the map that it would have made alone, byte for byte.
+
 Exit codes: 0 success, 1 the package was rejected, 2 the job could not be done.)";
 }
 
 std::string_view CacheMatchabilityCommand::examples() const {
   return R"(nadir cache matchability package --camera camera.yaml --speed-mps 22 --out matchability.tif
 nadir cache matchability package --camera camera.yaml --into-package --key planner.key.pem
+nadir cache matchability package --camera camera.yaml --shards work --shard 3/8
 nadir cache matchability others.mbtiles --mission mission.yaml --footprint-m 150 --step-m 50 --json)";
 }
 
@@ -76,9 +86,21 @@ void CacheMatchabilityCommand::setup(Options& options) {
       "--key", key_, "KEY.pem",
       "with --into-package: private key (file or pkcs11: URI) of a package signer; required if the package is signed");
   request_.declare(options);
+  shards_.setup(options);
 }
 
 void CacheMatchabilityCommand::check_options() const {
+  shards_.check();
+  if (shards_.make_one() && (out_ || into_package_)) {
+    throw UsageError({.what = "--shard makes a part of the map",
+                      .found = out_ ? "--out" : "--into-package",
+                      .fix = "give it to the command that takes the shards: with --shards, without --shard"});
+  }
+  if (mission_ && (shards_.make_one() || shards_.take_all())) {
+    throw UsageError({.what = "shards are made of a package and its own mission",
+                      .found = "--mission",
+                      .fix = "omit --mission, or --shards"});
+  }
   if (key_ && !into_package_) {
     throw UsageError({.what = "--key requires --into-package", .fix = "give both, or omit --key"});
   }
@@ -90,6 +112,29 @@ void CacheMatchabilityCommand::check_options() const {
   }
 }
 
+// Reads the tiles that it needs, and hashes those; whoever takes the shards into a package hashes all of it.
+int CacheMatchabilityCommand::make_shard(Context& context) {
+  const Manifest manifest = load_package_manifest(subject_);
+  const Mission mission = read_signed_mission(subject_, manifest);
+  const std::optional<VectorLayer> vectors = read_package_vectors(subject_, manifest);
+  const CheckedTileSet set = open_checked_tiles(subject_, manifest, context.progress);
+  if (!set.tiles) return report_findings(context.out, context.json, set.findings);
+  RequestedSurvey survey(*set.tiles, mission, vectors ? &*vectors : nullptr, request_);
+  return shards_.make(survey.work(), manifest, *set.tiles, request_.thread_count(), context);
+}
+
+MatchabilityResult CacheMatchabilityCommand::survey(const TileSource& tiles, const Mission& mission,
+                                                    const std::optional<Manifest>& manifest, Progress& progress) {
+  if (shards_.take_all() && !manifest) {
+    throw UsageError({.what = "shards are made of a package", .where = subject_, .found = "a tile set alone"});
+  }
+  std::optional<VectorLayer> vectors;
+  if (manifest) vectors = read_package_vectors(subject_, *manifest);
+  RequestedSurvey survey(tiles, mission, vectors ? &*vectors : nullptr, request_);
+  shards_.finish(survey.work(), subject_, manifest.value_or(Manifest()), request_.thread_count(), progress);
+  return survey.finish();
+}
+
 // Everything is hashed before the survey: what is signed anew has to be what was signed before.
 int CacheMatchabilityCommand::put_into_package(Context& context) {
   const Manifest manifest = load_package_manifest(subject_);
@@ -99,9 +144,8 @@ int CacheMatchabilityCommand::put_into_package(Context& context) {
   const Findings findings = check_before_signing(subject_, context.progress);
   if (findings.has_errors()) return report_findings(context.out, context.json, findings);
   const Mission mission = read_mission(subject_ / kMissionFile);
-  const std::optional<VectorLayer> vectors = read_package_vectors(subject_, manifest);
-  const MatchabilityResult result = make_matchability(find_tile_set(subject_).tiles, mission,
-                                                      vectors ? &*vectors : nullptr, request_, context.progress);
+  const std::unique_ptr<TileSource> tiles = open_tile_source(find_tile_set(subject_).tiles);
+  const MatchabilityResult result = survey(*tiles, mission, manifest, context.progress);
   const Amendment amendment{{kRoleMatchability}, [&](const std::filesystem::path& folder) {
                               std::filesystem::create_directories((folder / kMatchabilityFile).parent_path());
                               write_matchability_tiff(result.map, folder / kMatchabilityFile);
@@ -129,6 +173,7 @@ int CacheMatchabilityCommand::put_into_package(Context& context) {
 
 int CacheMatchabilityCommand::run(Context& context) {
   check_options();
+  if (shards_.make_one()) return make_shard(context);
   if (into_package_) return put_into_package(context);
   const auto [tiles, manifest, own_mission] = find_tile_set(subject_);
   if (!mission_ && own_mission.empty()) {
@@ -137,10 +182,8 @@ int CacheMatchabilityCommand::run(Context& context) {
                       .expected = "--mission MISSION.yaml, or a package, which contains its mission"});
   }
   const Mission mission = read_mission(mission_.value_or(own_mission));
-  std::optional<VectorLayer> vectors;
-  if (manifest) vectors = read_package_vectors(subject_, *manifest);
-  const MatchabilityResult result =
-      make_matchability(tiles, mission, vectors ? &*vectors : nullptr, request_, context.progress);
+  const std::unique_ptr<TileSource> source = open_tile_source(tiles);
+  const MatchabilityResult result = survey(*source, mission, manifest, context.progress);
   if (out_) write_matchability_tiff(result.map, *out_);
   if (context.json) {
     print_json(context.out, json_of(result));

@@ -7,12 +7,10 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "base/digest.hpp"
 #include "base/error.hpp"
-#include "base/files.hpp"
 #include "base/plural.hpp"
+#include "package/open_package.hpp"
 #include "package/tile_container.hpp"
-#include "package_build/water_mask.hpp"
 #include "vision/camera.hpp"
 #include "vision/localizer_parameters.hpp"
 #include "vision/map_matcher.hpp"
@@ -73,35 +71,39 @@ void MatchabilityRequest::declare(Options& options) {
 std::optional<VectorLayer> read_package_vectors(const std::filesystem::path& package, const Manifest& manifest) {
   const Artifact* artifact = manifest.artifact(kRoleVectors);
   if (artifact == nullptr) return std::nullopt;
-  const Bytes bytes = read_file(package / artifact->path, kMaxVectors_bytes);
-  if (const Sha256 found = sha256(bytes); found != artifact->sha256) {
-    throw Error({.what = "the package's vectors are not those of its manifest",
-                 .where = package / artifact->path,
-                 .expected = artifact->sha256.hex(),
-                 .found = found.hex(),
-                 .fix = "get the package again from its source"});
-  }
-  return parse_vectors(bytes, artifact->path);
+  return parse_vectors(read_artifact(package, *artifact, kMaxVectors_bytes), artifact->path);
+}
+
+int MatchabilityRequest::thread_count() const {
+  return threads.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
+}
+
+RequestedSurvey::RequestedSurvey(const TileSource& tiles, const Mission& mission, const VectorLayer* vectors,
+                                 const MatchabilityRequest& request)
+    : mission_(mission),
+      frame_(mission_frame(mission)),
+      region_(required_region(mission, frame_)),
+      ground_(tiles, vectors == nullptr ? without_ : *vectors),
+      result_{.options = options_for(mission, request, ground_resolution_m(tiles.zooms().max, mission.takeoff.lat_deg)),
+              .step_m = request.step_m,
+              .cruise_mps = request.cruise_mps},
+      survey_({ground_, region_, frame_, mission.zoom.max, request.step_m}, result_.options) {
+  if (vectors != nullptr) result_.water_areas = ground_.areas();
+}
+
+MatchabilityResult RequestedSurvey::finish() {
+  result_.map = survey_.take();
+  result_.summary = summarize_matchability(result_.map, mission_.route.points, frame_);
+  return std::move(result_);
 }
 
 MatchabilityResult make_matchability(const std::filesystem::path& tiles, const Mission& mission,
                                      const VectorLayer* vectors, const MatchabilityRequest& request,
                                      Progress& progress) {
   const std::unique_ptr<TileSource> source = open_tile_source(tiles);
-  const LocalFrame frame = mission_frame(mission);
-  const double map_gsd_m = ground_resolution_m(source->zooms().max, mission.takeoff.lat_deg);
-  MatchabilityResult result;
-  result.options = options_for(mission, request, map_gsd_m);
-  result.step_m = request.step_m;
-  result.cruise_mps = request.cruise_mps;
-  const int threads = request.threads.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
-  const VectorLayer none;
-  const WaterMaskedTiles ground(*source, vectors == nullptr ? none : *vectors);
-  if (vectors != nullptr) result.water_areas = ground.areas();
-  result.map = survey_matchability(ground, required_region(mission, frame), frame, mission.zoom.max, request.step_m,
-                                   result.options, threads, progress);
-  result.summary = summarize_matchability(result.map, mission.route.points, frame);
-  return result;
+  RequestedSurvey survey(*source, mission, vectors, request);
+  do_alone(survey.work(), request.thread_count(), progress);
+  return survey.finish();
 }
 
 Figures figures_of(const MatchabilityResult& result) {

@@ -12,6 +12,7 @@
 #include "package/mission.hpp"
 #include "package/vector_layer.hpp"
 #include "package_build/matchability_survey.hpp"
+#include "package_build/water_mask.hpp"
 
 namespace nadir {
 
@@ -24,20 +25,42 @@ struct MatchabilityRequest {
   std::optional<int> threads;
 
   void declare(Options& options);
+  int thread_count() const;
 };
 
 // A map with what is said about it.
 struct MatchabilityResult {
-  MatchabilityMap map;
-  MatchabilitySummary summary;
+  MatchabilityMap map{};
+  MatchabilitySummary summary{};
   MatchabilityOptions options;
   double step_m = 0;
   std::optional<double> cruise_mps;
-  std::optional<std::size_t> water_areas;  // that were masked; none: without vectors
+  std::optional<std::size_t> water_areas{};  // that were masked; none: without vectors
 };
 
-// The limits are the flight's gates (vision/localizer_parameters.hpp). vectors: of the package, null without them;
-// their water is no ground to match with (package_build/water_mask.hpp).
+// A survey of a tile set's ground as it was asked for. The limits are the flight's gates
+// (vision/localizer_parameters.hpp). vectors: of the package, null without them; their water is no ground to match with
+// (package_build/water_mask.hpp).
+class RequestedSurvey {
+ public:
+  // tiles, mission, vectors: must outlive it.
+  RequestedSurvey(const TileSource& tiles, const Mission& mission, const VectorLayer* vectors,
+                  const MatchabilityRequest& request);
+
+  SharedWork& work() { return survey_; }
+  MatchabilityResult finish();  // after all results
+
+ private:
+  const Mission& mission_;
+  LocalFrame frame_;
+  Region region_;
+  VectorLayer without_;  // instead of the package's, where it has none
+  WaterMaskedTiles ground_;
+  MatchabilityResult result_;
+  MatchabilitySurvey survey_;
+};
+
+// All of it here.
 MatchabilityResult make_matchability(const std::filesystem::path& tiles, const Mission& mission,
                                      const VectorLayer* vectors, const MatchabilityRequest& request,
                                      Progress& progress);

@@ -45,7 +45,8 @@ number of shards.
 
 A shard that is missing, there twice, damaged or of another plan ends it with exit code 2 before
 anything is written under the final name. The shards are not changed. A merge that was killed or
-ran out of disk space leaves no package; run it again.)";
+ran out of disk space leaves no package; run it again. One that is repeated after its end makes the
+package again beside the one that is there: exit code 0 when they are the same, else 2.)";
 }
 
 std::string_view CacheMergeCommand::examples() const {
@@ -57,18 +58,18 @@ void CacheMergeCommand::setup(Options& options) {
   options.value("--plan", plan_, "PLAN", "folder of the plan").required();
   options.values("--shards", folders_, "FOLDER", "folders that the shards' folders lie in; default: the plan's");
   signing_.setup(options);
-  options.value("--out", out_, "PACKAGE", "package folder to create; must not exist").required();
+  options.value("--out", out_, "PACKAGE", "package folder to create").required();
 }
 
 int CacheMergeCommand::run(Context& context) {
-  const std::optional<UtcTime> at = read_shard_plan(plan_, kVersion).at;
-  const SigningOptions::Signing signing = signing_.read(evaluation_time(at, context.clock), context);
   MergeRequest request;
-  request.plan = plan_;
+  request.plan_folder = plan_;
+  request.plan = read_shard_plan(plan_, kVersion);
+  const std::optional<UtcTime> at = request.plan.at;
+  const SigningOptions::Signing signing = signing_.read(evaluation_time(at, context.clock), context);
   request.folders = folders_;
   request.key = signing.key ? &*signing.key : nullptr;
   request.roots = signing.roots;
-  request.program = kVersion;
   if (!at) request.now = context.clock.now();
   request.out = out_;
   const PackageReport report = merge_shards(request, context.progress);
@@ -76,6 +77,7 @@ int CacheMergeCommand::run(Context& context) {
     if (!context.quiet) context.err << "rejected: nothing was written\n";
     return report_findings(context.out, context.json, report.findings);
   }
+  if (report.was_there && !context.quiet) context.err << "the package was there already: the same, byte for byte\n";
   print_package(context, out_, report, request.key);
   return kAccepted;
 }

@@ -6,6 +6,7 @@
 #include <optional>
 #include <ostream>
 #include <string>
+#include <thread>
 
 #include "base/time.hpp"
 #include "cli/command.hpp"
@@ -40,6 +41,7 @@ class CacheVerifyCommand final : public Command {
   std::filesystem::path package_;
   VerifyRequest request_;
   std::string depth_ = "quick";
+  std::optional<int> threads_;
   std::optional<std::filesystem::path> report_folder_;
   bool matchability_ = false;
   MatchabilityRequest matchability_request_;
@@ -48,9 +50,9 @@ class CacheVerifyCommand final : public Command {
 std::string_view CacheVerifyCommand::details() const {
   return R"(The signature is checked before anything else is read; after that every problem is reported. quick:
 signature, sizes, the Merkle root over the stored digests, and the mission's requirements. full:
-every byte is hashed as well. With --state the package must not be older than what was accepted
-before, and an accepted one is recorded; --permit allows a rollback that the signers have signed.
-Newer roots of trust in the package are followed if their predecessors have signed them.
+every byte is hashed as well, once. With --state the package must not be older than what was
+accepted before, and an accepted one is recorded; --permit allows a rollback that the signers have
+signed. Newer roots of trust in the package are followed if their predecessors have signed them.
 
 --report writes the findings as text, JSON, CSV and Markdown, and report.html: a page with a map of
 coverage and age that needs no network.
@@ -68,6 +70,8 @@ void CacheVerifyCommand::setup(Options& options) {
   options.positional("PACKAGE", package_, "package folder").required();
   request_.setup(options);
   options.value("--depth", depth_, "DEPTH", "depth of the check").one_of({"quick", "full"});
+  options.value("--threads", threads_, "N", "with --depth full: threads that hash; default: one per processor")
+      .between(1, 256);
   options.value("--report", report_folder_, "DIR", "also write the findings and a page with a map to this folder");
   options.flag("--matchability", matchability_, "with --report: show where frames can be matched to the map")
       .needs("--report");
@@ -84,6 +88,7 @@ void CacheVerifyCommand::setup(Options& options) {
 int CacheVerifyCommand::run(Context& context) {
   VerifyOptions options = request_.open(context.clock);
   options.depth = depth_ == "full" ? VerifyDepth::full : VerifyDepth::quick;
+  options.threads = threads_.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
   Verification verification = verify_package(package_, options, context.progress);
   verify_place_index(options.depth, context.progress, verification);
   verification.findings.add(request_.findings());
