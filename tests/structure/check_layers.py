@@ -141,6 +141,12 @@ def cycles():
     return [name for name in ALLOWED if name in reaches(name)]
 
 
+def missing_in(drawing, root):
+    """Folders of libgeo that the drawing of the architecture does not name."""
+    text = drawing.read_text(encoding="utf-8")
+    return [folder.name for folder in sorted((root / "libgeo").iterdir()) if folder.is_dir() and f">{folder.name}<" not in text]
+
+
 def main():
     arguments = [argument for argument in sys.argv[1:] if argument != "--unused"]
     if len(arguments) != 1:
@@ -148,6 +154,8 @@ def main():
         return 2
     found, used = check(pathlib.Path(arguments[0]))
     found += [f"ALLOWED lets {name} use itself" for name in cycles()]
+    drawing = pathlib.Path(arguments[0]) / "docs/images/architecture.svg"
+    found += [f"{drawing}: libgeo/{name} is missing" for name in missing_in(drawing, pathlib.Path(arguments[0]))]
     if "--unused" in sys.argv:
         found += [f"{folder} is allowed {other}, which nothing of it includes"
                   for folder, others in ALLOWED.items() for other in others.split() if (folder, other) not in used]

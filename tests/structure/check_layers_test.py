@@ -24,6 +24,15 @@ class Rules(unittest.TestCase):
     def test_an_allowed_edge(self):
         self.assertEqual([], self.violations("libgeo/package/a.hpp", '#include "base/error.hpp"\n#include <vector>\n'))
 
+    def test_the_drawing_names_every_folder(self):
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            for name in ("base", "vision"):
+                (root / "libgeo" / name).mkdir(parents=True)
+            drawing = root / "drawing.svg"
+            drawing.write_text("<text>base</text><text>visions</text>")
+            self.assertEqual(["vision"], check_layers.missing_in(drawing, root))
+
     def test_a_library_includes_one_above_it(self):
         self.assertEqual(1, len(self.violations("libgeo/base/a.cpp", '#include "vision/camera.hpp"\n')))
 
