@@ -189,8 +189,8 @@ struct Localizer::Impl {
   std::vector<FlightStep> steps;        // a frame each
   std::optional<TrackBefore> before_now, before_last;  // before the current frame, and before the one before it
   TelemetryState telemetry;
-  Eigen::Vector2d shutter_velocity_mps = Eigen::Vector2d::Zero();  // by which the last frame's shutter was undone
-  bool placed;  // the start is known, or an anchor has been accepted since
+  ShutterMotion shutter_motion;  // by which the last frame's shutter was undone
+  bool placed;                   // the start is known, or an anchor has been accepted since
   TrackingState tracking;
   CourseAmbiguity course;
   int inertial_contradictions = 0;  // visual motions in a row that the inertial sensor contradicts
@@ -331,16 +331,15 @@ double Localizer::Impl::predict(const Telemetry& plausible) {
   return seconds;
 }
 
-// With a global shutter it is so already.
+// With a global shutter it is so already. Without an image, as when a flight is restored, the motion alone is noted.
 cv::Mat Localizer::Impl::at_one_moment(const cv::Mat& as_read) {
   if (!readout) return as_read;
   const CameraPose pose = camera_pose(filter->state(), telemetry.reference);
-  shutter_velocity_mps = filter->state().segment<2>(FlightFilter::velocity_east);
-  return without_rolling_shutter(as_read, camera, *readout,
-                                 {.attitude = pose.attitude,
-                                  .agl_m = pose.agl_m,
-                                  .velocity_mps = shutter_velocity_mps,
-                                  .rate_rad_s = telemetry.last.rate_rad_s.value_or(Eigen::Vector3d::Zero())});
+  shutter_motion = {.attitude = pose.attitude,
+                    .agl_m = pose.agl_m,
+                    .velocity_mps = filter->state().segment<2>(FlightFilter::velocity_east),
+                    .rate_rad_s = telemetry.last.rate_rad_s.value_or(Eigen::Vector3d::Zero())};
+  return as_read.empty() ? as_read : without_rolling_shutter(as_read, camera, *readout, shutter_motion);
 }
 
 // Odometry may have found that the velocity was another: at the beginning none was known. The frame is then undone
@@ -348,7 +347,7 @@ cv::Mat Localizer::Impl::at_one_moment(const cv::Mat& as_read) {
 cv::Mat Localizer::Impl::at_one_moment_again(const cv::Mat& as_read, const cv::Mat& grey) {
   if (!readout) return grey;
   const Eigen::Vector2d found_mps = filter->state().segment<2>(FlightFilter::velocity_east);
-  if ((found_mps - shutter_velocity_mps).norm() * readout->duration_s < kShutterRedone_m) return grey;
+  if ((found_mps - shutter_motion.velocity_mps).norm() * readout->duration_s < kShutterRedone_m) return grey;
   cv::Mat again = at_one_moment(as_read);
   odometry->reset();
   odometry->track(odometry_frame(again));
@@ -374,6 +373,7 @@ OdometryFrame Localizer::Impl::odometry_frame(const cv::Mat& grey) const {
   const double footprint = footprint_side_m(camera, pose.agl_m);
   OdometryFrame seen;
   seen.grey = grey;
+  if (readout) seen.undone = UndoneShutter{*readout, shutter_motion};
   seen.camera = camera;
   seen.linearization_point = linearization_point(filter->state());
   seen.agl_m = pose.agl_m;

@@ -18,11 +18,13 @@
 #include "estimation/two_view_motion.hpp"
 #include "vision/localizer_parameters.hpp"
 #include "vision/rectification.hpp"
+#include "vision/rolling_shutter.hpp"
 
 namespace nadir {
 
 struct OdometryFrame {
   cv::Mat grey;                            // CV_8UC1, full frame
+  std::optional<UndoneShutter> undone{};   // how `grey` was made of what the camera gave; nothing: it is that
   CameraModel camera;                      // of `grey`
   Attitude attitude;                       // predicted, boresight included
   double agl_m = 0;                        // predicted

@@ -403,6 +403,9 @@ void RecordedVision::go_live(const ImageOf& image_of) {
   for (const auto& [frame, seen] : tape_->given) {
     OdometryFrame with_image = seen;
     with_image.grey = frame == tape_->last_sharp ? sharp : image(frame);
+    if (const auto& undone = seen.undone) {
+      with_image.grey = without_rolling_shutter(with_image.grey, seen.camera, undone->readout, undone->motion);
+    }
     tape_->odometry->track(with_image);
   }
 }

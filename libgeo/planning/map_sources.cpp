@@ -12,6 +12,7 @@
 #include "planning/raster_tiles.hpp"
 #include "raster/elevation_model.hpp"
 #include "raster/imagery_input.hpp"
+#include "token_keys/token_key.hpp"
 #include "trust/keys.hpp"
 #include "trust/root.hpp"
 #include "vision/camera.hpp"
@@ -100,6 +101,12 @@ fs::file_time_type changed_at(const fs::path& file) {
   return fs::last_write_time(file, code);
 }
 
+// Of a token's key its URI, without where module and PIN are.
+std::string name_of_key(const fs::path& path) {
+  const std::string& text = path.native();
+  return is_token_uri(text) ? text.substr(0, text.find('?')) : path.filename().string();
+}
+
 }  // namespace
 
 // A raster that was opened, or why it cannot be.
@@ -167,17 +174,17 @@ std::vector<NamedSource> MapSources::vectors() const {
   return sources;
 }
 
-// The private keys stay closed: who they are says the public key beside each.
+// The private keys stay closed, and tokens unasked: who they are says the public key beside each.
 std::vector<KeySource> MapSources::keys() const {
   std::optional<TrustRoot> root;
   std::string root_problem;
   if (options_.trust) root_problem = problem_with([&] { root = read_trusted_root(*options_.trust); });
   std::vector<KeySource> sources;
   for (const fs::path& path : options_.keys) {
-    KeySource source{.name = path.filename().string(), .path = path, .keyid = {}, .appointed = {}, .problem = {}};
+    KeySource source{.name = name_of_key(path), .path = path, .keyid = {}, .appointed = {}, .problem = {}};
     std::string beside = path.string();
     std::error_code code;
-    if (!fs::is_regular_file(path, code)) source.problem = "no such file";
+    if (!is_token_uri(path.native()) && !fs::is_regular_file(path, code)) source.problem = "no such file";
     if (beside.ends_with(kPrivateEnding)) {
       beside.replace(beside.size() - kPrivateEnding.size(), kPrivateEnding.size(), kPublicEnding);
       if (fs::is_regular_file(beside, code)) {
@@ -208,7 +215,7 @@ std::optional<fs::path> MapSources::vectors_file(std::string_view name) const {
 }
 std::optional<fs::path> MapSources::key_file(std::string_view name) const {
   for (const fs::path& path : options_.keys) {
-    if (path.filename() == name) return path;
+    if (name_of_key(path) == name) return path;
   }
   return std::nullopt;
 }

@@ -355,6 +355,8 @@ class TokenKey final : public KeyDevice {
 
 bool is_token_uri(std::string_view text) { return text.starts_with(kScheme); }
 
+void check_token_uri(const std::string& text) { static_cast<void>(parse_uri(text)); }
+
 PrivateKey open_token_key(std::string_view uri, const std::optional<std::string>& pin) {
   p11_kit_be_quiet();
   return PrivateKey::in_device(std::make_unique<TokenKey>(std::string(uri), pin));

@@ -1,5 +1,6 @@
 // Private keys that never leave a token (smart card, USB token, HSM), through PKCS#11. Commands that sign
-// take, instead of the file of a private key, its URI (RFC 7512); services (desk, sync, nadird) take files alone:
+// take, instead of the file of a private key, its URI (RFC 7512), and so does the desk, which signs by these commands; sync and
+// nadird take files alone:
 //
 //   pkcs11:token=nadir;object=planner                          the one key of this label on the token
 //   pkcs11:token=nadir;id=%01?pin-source=/run/secrets/pin      by its id; the PIN from a file
@@ -24,6 +25,8 @@ namespace nadir {
 inline constexpr const char* kTokenPinVariable = "NADIR_PKCS11_PIN";
 
 bool is_token_uri(std::string_view text);  // whether it begins with "pkcs11:"
+// Of such a text, without asking any token. Throws UsageError for a URI that is none, or that holds a PIN.
+void check_token_uri(const std::string& text);
 
 // pin: of the environment, used when the URI names no pin-source. Throws UsageError for a URI that is none, that holds
 // a PIN, or that does not lead to exactly one token and one key: the message lists what there is. Throws Error when the

@@ -27,6 +27,12 @@ struct ShutterMotion {
   Eigen::Vector3d rate_rad_s = Eigen::Vector3d::Zero();
 };
 
+// How an image was made of one that was read line after line.
+struct UndoneShutter {
+  SensorReadout readout;
+  ShutterMotion motion;
+};
+
 // image: of the camera's size. Where it shows nothing of what the result should, at its edges, the nearest is repeated.
 cv::Mat without_rolling_shutter(const cv::Mat& image, const CameraModel& camera, const SensorReadout& readout,
                                 const ShutterMotion& motion);

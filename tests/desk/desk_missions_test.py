@@ -6,7 +6,9 @@ usage: desk_missions_test.py NADIR
 """
 import filecmp
 import json
+import os
 import pathlib
+import shutil
 import subprocess
 import sys
 import time
@@ -50,6 +52,41 @@ class Missions(support.EndToEnd):
         files = sorted(str(path.relative_to(one)) for path in one.rglob("*") if path.is_file())
         self.assertEqual(files, sorted(str(path.relative_to(other)) for path in other.rglob("*") if path.is_file()))
         self.assertEqual(([], []), filecmp.cmpfiles(one, other, files, shallow=False)[1:])
+
+    def test_a_token_signs(self):
+        """A key that never leaves its token: named when the desk starts, by the command that signs alone, and not by the page."""
+        module = pathlib.Path("/usr/lib/softhsm/libsofthsm2.so")
+        if not module.exists() or not shutil.which("softhsm2-util"):
+            self.skipTest("NOT TESTED: keys in tokens need softhsm2")
+        (self.folder / "tokens").mkdir()
+        (self.folder / "softhsm2.conf").write_text(f"directories.tokendir = {self.folder}/tokens\nobjectstore.backend = file\nlog.level = ERROR\n")
+        (self.folder / "pin").write_text("1234\n")
+        (self.folder / "pin").chmod(0o600)
+        os.environ["SOFTHSM2_CONF"] = str(self.folder / "softhsm2.conf")
+        self.addCleanup(os.environ.pop, "SOFTHSM2_CONF")
+        for words in (["--init-token", "--free", "--label", "desk", "--so-pin", "87654321", "--pin", "1234"],
+                      ["--import", self.made / "signer.key.pem", "--token", "desk", "--label", "planner", "--id", "01", "--pin", "1234"]):
+            subprocess.run(["softhsm2-util", *words], check=True, capture_output=True)
+        self.desk.stop()
+        uri = "pkcs11:token=desk;object=planner"
+        where = f"?module-path={module}&pin-source={self.folder / 'pin'}"
+        for wrong, said in ((f"{uri}?pin-value=1234", "a PIN on the command line"), ("pkcs11:token=desk", "neither object="), ("none.key.pem", "no such file")):
+            result = support.run("desk", "serve", "--root", self.folder / "desk", "--key", wrong)
+            self.assertEqual(2, result.returncode)
+            self.assertIn(said, result.stderr)
+            self.assertNotIn("1234", result.stderr)
+        self.desk.options = (*self.desk.options, "--key", uri + where)
+        self.desk.start()
+        self.assertEqual(["signer.key.pem", uri], [key["name"] for key in self.desk.json("GET", "/v1/planning", expect=200)["keys"]])
+        mission = self.imported()["id"]
+        self.start(mission, ["build", "sign", "verify"], key=uri)
+        job = self.finished(mission)
+        self.assertEqual(["done"] * 3, [step["state"] for step in job["steps"]], job)
+        signed = self.desk.root / "packages" / self.desk.json("GET", f"/v1/missions/{mission}", expect=200)["package"]["name"]
+        shutil.copytree(signed, self.folder / "by-token")
+        result = support.run("cache", "sign", signed, "--key", self.made / "signer.key.pem", "--trust", self.made / "root.json")
+        self.assertEqual(0, result.returncode, result.stderr)
+        self.same_folder(signed, self.folder / "by-token")
 
     def test_from_a_file_to_a_package_that_flies(self):
         mission = self.imported()

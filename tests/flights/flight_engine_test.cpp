@@ -103,7 +103,8 @@ TEST(FlightEngine, GivesTheEstimatesOfTheLocalizer) {
 }
 
 TEST(FlightEngine, GoesOnAfterEachFrameWithTheSameEstimates) {
-  for (const Course course : {Course::smooth, Course::eventful}) {
+  for (const Course course : {Course::smooth, Course::rolling, Course::eventful}) {
+    SCOPED_TRACE(static_cast<int>(course));
     const TemporaryFolder temporary;
     const auto store = stored_flight(temporary / "flight", course);
     const std::size_t frames = store->accepted();

@@ -35,6 +35,7 @@ std::vector<EncodedPicture> flight_pictures(Course course) {
   for (std::size_t i = 0; i < moments.size(); ++i) {
     EncodedPicture& picture = pictures.emplace_back();
     picture.telemetry = moments[i].telemetry;
+    if (course == Course::rolling) picture.telemetry.rate_rad_s = Eigen::Vector3d(0.02, -0.03, 0.05);
     picture.name = picture.telemetry.frame = fmt::format("frame{}.img", i);
     picture.bytes = encode_image(moments[i].image, ImageFormat::png);
     if (!eventful) continue;
@@ -68,6 +69,7 @@ FlightEngineSetup engine_setup(Course course) {
                           .tiles = &landscape_tiles(),
                           .start = start(),
                           .localizer = config()};
+  if (course == Course::rolling) setup.camera.readout = SensorReadout{0.03};
   if (course == Course::eventful) {
     setup.start.reset();
     setup.localizer.area = PlaneBox{-150, -150, 150, 150};

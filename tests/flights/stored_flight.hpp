@@ -29,6 +29,7 @@ EncodedPicture plain_picture(int number);
 
 enum class Course {
   smooth,   // every frame is tracked and anchored
+  rolling,  // the same by a camera with a rolling shutter, which has to be undone
   eventful  // a black frame, a repeated one and one of another place; the start is not known
 };
 std::vector<EncodedPicture> flight_pictures(Course course);

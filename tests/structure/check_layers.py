@@ -49,7 +49,7 @@ ALLOWED = {
     "mission_formats": "base geodesy package raster",
     "navigability": "base geodesy imagery package vision estimation raster",
     "package_build": "base geodesy imagery trust package vision ortho object_storage raster",
-    "planning": "base geodesy imagery trust package vision raster package_build mission_formats",
+    "planning": "base geodesy imagery trust token_keys package vision raster package_build mission_formats",
     "datasets": "base geodesy imagery vision estimation replay cli raster planning",
     "catalogue": "base geodesy package raster",
     "upload": "base imagery trust ortho",

@@ -19,6 +19,7 @@
 #include "commands/commands.hpp"
 #include "desk/desk_api.hpp"
 #include "desk/desk_service.hpp"
+#include "token_keys/token_key.hpp"
 #include "trust/bearer_token.hpp"
 
 namespace nadir {
@@ -84,8 +85,9 @@ void DeskServeCommand::setup(Options& options) {
   options.value("--vectors-attribution", desk_.sources.vectors_attribution, "TEXT",
                 "what the licence of vectors asks to be shown; .osm.pbf: OpenStreetMap's");
   options.value("--vectors-licence", desk_.sources.vectors_licence, "ID", "SPDX identifier of their licence");
-  options.values("--key", desk_.sources.keys, "KEY.pem",
-                 "private key that packages may be signed with; only the command that signs reads it");
+  options.values(
+      "--key", desk_.sources.keys, "KEY.pem",
+      "private key (file or pkcs11: URI) that packages may be signed with; only the command that signs reads it");
   options.value("--listen", listen_, "IP:PORT", "address of the page and the API; port 0 takes any free one");
   options.value("--token-file", token_file_, "FILE", "bearer token for callers; required to listen beyond loopback");
   options.value("--engines", engines_, "N", "flights that are processed at a time").between(1, 64);
@@ -110,7 +112,13 @@ void require_sources(const MapSourceOptions& sources) {
   require("--dem", sources.elevation);
   require("--camera", sources.cameras);
   require("--vectors", sources.vectors);
-  require("--key", sources.keys);
+  for (const std::filesystem::path& key : sources.keys) {
+    if (is_token_uri(key.native())) {
+      check_token_uri(key.native());
+    } else {
+      require("--key", {key});
+    }
+  }
 }
 
 int DeskServeCommand::run(Context& context) {
