@@ -116,7 +116,11 @@ class ObjectStorage(EndToEnd):
         self.assertEqual("1220" + hashlib.sha256((self.folder / "large.tif").read_bytes()).hexdigest(), asset["file:checksum"])
         self.gateway.bytes = 0
         remote = self.build(sources, "remote")
-        self.assertLess(self.gateway.bytes, 0.6 * size, "a build reads what it needs")
+        read = self.gateway.bytes
+        self.assertLess(read, 0.6 * size, "a build reads what it needs")
+        self.gateway.bytes = 0
+        self.assertEqual(tree(remote), tree(self.build(sources, "threads", "--threads", 8)))
+        self.assertEqual(read, self.gateway.bytes, "each block once, whoever wants it")
         local = self.build(self.folder / "large.tif", "local", *FACTS)
         self.assertEqual(tree(local), tree(remote))
         for name, data in {**tree(remote), "sources": sources.read_bytes()}.items():
