@@ -20,6 +20,8 @@ namespace {
 
 constexpr std::uint64_t kMaxRoot_bytes = std::uint64_t{4} << 20;
 constexpr std::uint64_t kMaxTile_bytes = std::uint64_t{16} << 20;
+constexpr std::uint64_t kMaxBundle_bytes = std::uint64_t{4}
+                                           << 30;  // an archive may promise more than anybody can inflate
 constexpr std::size_t kMaxTiles = std::size_t{1} << 24;
 constexpr std::size_t kBundleHead_bytes = 64;
 constexpr std::uint32_t kBundleSide = 128;  // tiles
@@ -154,6 +156,7 @@ void TilePackageReader::read_index(std::uint32_t bundle, std::uint32_t first_row
   VSILFILE* file = opened(bundle).file.get();
   VSIFSeekL(file, 0, SEEK_END);
   const std::uint64_t size = VSIFTellL(file);
+  if (size > kMaxBundle_bytes) refuse(name, fmt::format("at most {} bytes", kMaxBundle_bytes), std::to_string(size));
   const std::optional<Bytes> index = read_part(file, kBundleHead_bytes, 8 * kTiles);
   if (!index) refuse(name, fmt::format("a head and an index, {} bytes", kBundleHead_bytes + 8 * kTiles), "fewer");
   const std::uint64_t across = std::uint64_t{1} << zoom_;

@@ -21,7 +21,7 @@ import time
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "support"))
 
 from object_store import ACCESS_KEY, BUCKET, REGION, SECRET_KEY, Gateway, ObjectStore, error_document, serve
-from support import EAST, NADIR, NORTH, SOUTH, STAC, WEST, EndToEnd, main, made_once, write_map
+from support import AT, EAST, NADIR, NORTH, SOUTH, STAC, WEST, EndToEnd, main, made_once, write_map
 
 BLOCK = 1 << 20
 FACTS = ["--captured", "2024-06-01", "--gsd-m", "0.5", "--ce90-m", "4", "--provider", "test", "--licence", "CC0-1.0"]
@@ -116,7 +116,11 @@ class ObjectStorage(EndToEnd):
         self.assertEqual("1220" + hashlib.sha256((self.folder / "large.tif").read_bytes()).hexdigest(), asset["file:checksum"])
         self.gateway.bytes = 0
         remote = self.build(sources, "remote")
-        self.assertLess(self.gateway.bytes, 0.6 * size, "a build reads what it needs")
+        read = self.gateway.bytes
+        self.assertLess(read, 0.6 * size, "a build reads what it needs")
+        self.gateway.bytes = 0
+        self.assertEqual(tree(remote), tree(self.build(sources, "threads", "--threads", 8)))
+        self.assertEqual(read, self.gateway.bytes, "each block once, whoever wants it")
         local = self.build(self.folder / "large.tif", "local", *FACTS)
         self.assertEqual(tree(local), tree(remote))
         for name, data in {**tree(remote), "sources": sources.read_bytes()}.items():
@@ -193,6 +197,18 @@ class ObjectStorage(EndToEnd):
         self.good("cache", "build", "--mission", self.folder / "mission.yaml", "--imagery", self.folder / "large.tif", "--imagery", self.folder / "map.tif",
                   *FACTS, "--out", local)
         self.assertEqual(tree(local), tree(self.build(both, "remote-both")))
+
+    def test_updates_and_plans(self):
+        sources = self.pinned_large()
+        self.assertIn("MB", self.good("mission", "plan", self.folder / "mission.yaml", "--imagery", sources).stdout)
+        self.keys()
+        self.good("cache", "build", *self.inputs(self.folder / "map.tif"), "--at", AT, "--key", self.folder / "signer.key.pem", "--out", self.folder / "first")
+        updates = []
+        for name, imagery in (("from-file", [self.folder / "large.tif", *FACTS]), ("from-object", [sources])):
+            self.good("cache", "update", self.folder / "first", "--trust", self.folder / "root.json", "--mission", self.mission("next.yaml", sequence=2), "--imagery",
+                      *imagery, "--at", AT, "--key", self.folder / "signer.key.pem", "--out", self.folder / name)
+            updates.append(tree(self.folder / name))
+        self.assertEqual(*updates)
 
     # --- STAC
 
