@@ -54,6 +54,18 @@ def best(times, prepare, command):
                  max(t.peak_mb for t in all_taken), True, all_taken[-1].output)
 
 
+def wall_pairs(times, prepare, one, two):
+    """Two commands, one after the other, several times: the pair that took least wall time together."""
+    pairs = []
+    for _ in range(times):
+        pair = []
+        for command in (one, two):
+            prepare()
+            pair.append(must(command))
+        pairs.append(pair)
+    return min(pairs, key=lambda pair: pair[0].wall_s + pair[1].wall_s)
+
+
 def tool(name):
     """From PATH, or from the virtual environment that NADIR_BENCH_VENV names; None when it is missing."""
     venv = os.environ.get("NADIR_BENCH_VENV")

@@ -16,7 +16,7 @@ import re
 import shutil
 import tempfile
 
-from measured import BUILD, best, build_command, make_keys, make_world, must, run, tiles_in, tool
+from measured import BUILD, best, build_command, make_keys, make_world, must, run, tiles_in, tool, wall_pairs
 
 QUALITY = 75
 HALF_WORLD_M = 20037508.342789244
@@ -53,27 +53,42 @@ class Bench:
         print(f"{name:<34} {tiles:>7} {taken.cpu_s:>8.1f} {taken.wall_s:>8.1f} {taken.peak_mb:>8.0f} "
               f"{size / tiles:>8.0f} {tiles / taken.cpu_s:>9.1f} {psnr:>8}", flush=True)
 
-    def build(self, container, threads):
-        out = self.work / f"package-{container}"
+    def command(self, container, threads, out):
         command = [self.nadir, "cache", "build", "--mission", self.mission, "--imagery", self.map, "--quality", QUALITY,
                    "--key", self.work / "signer.key.pem", "--format", container, "--threads", threads, "--out", out,
                    "--quiet"]
-        if (dem := self.map.parent / "dem.tif").exists():
-            command += ["--dem", dem]
+        return command + (["--dem", dem] if (dem := self.map.parent / "dem.tif").exists() else [])
+
+    def two_threads(self):
+        """Against one worker: the same program with one thread on one core, which then does the main thread's work too.
+        Pairs, one after the other, so that other load meets both."""
+        out = self.work / "pair"
+        for container in ("mbtiles", "cog"):
+            one, two = wall_pairs(self.options.tries, lambda: shutil.rmtree(out, ignore_errors=True),
+                                  ["taskset", "--cpu-list", "0", *self.command(container, 1, out)],
+                                  self.command(container, 2, out))
+            shutil.rmtree(out)
+            print(f"two threads, {container}: {one.wall_s / two.wall_s:.2f} times as fast as one worker on one core "
+                  f"({one.wall_s:.2f} s, {two.wall_s:.2f} s; load {os.getloadavg()[0]:.1f}); CPU seconds {one.cpu_s:.2f} and "
+                  f"{two.cpu_s:.2f}, so at most {2 * one.cpu_s / two.cpu_s:.2f} times")
+
+    def build(self, container, threads):
+        out = self.work / f"package-{container}"
+        command = self.command(container, threads, out)
         taken = best(self.options.tries, lambda: shutil.rmtree(out, ignore_errors=True), command)
         return taken, out / "imagery" / ("base.tif" if container == "cog" else "base.mbtiles")
 
     def ours(self):
-        walls = {}
         for container in ("mbtiles", "cog"):
             for threads in (1, 2):
                 taken, file = self.build(container, threads)
-                walls[container, threads] = taken.wall_s
                 if container == "mbtiles":
                     self.tiles, self.bytes = tiles_in(file)
                 self.row(f"nadir, {container}, {threads} thread{'s' * (threads - 1)}", taken, self.tiles, self.bytes,
                          self.psnr(file))
-        return walls
+        files = {c: sum(f.stat().st_size for f in (self.work / f"package-{c}/imagery").iterdir()) for c in ("mbtiles", "cog")}
+        print(f"imagery: MBTiles {files['mbtiles'] / 1e6:.2f} MB, COG with sidecars {files['cog'] / 1e6:.2f} MB: "
+              f"{100 * (files['mbtiles'] / files['cog'] - 1):+.1f} %")
 
     def strategy(self):
         """Of the two zooms around the raster's resolution, the one with which GDAL's finest tiles are the mission's."""
@@ -138,7 +153,7 @@ class Bench:
                 shutil.rmtree(out)
                 print(f"{size_km:g} km x {size_km:g} km, {container}: peak {taken.peak_mb:.0f} MB")
 
-    def ratios(self, walls):
+    def ratios(self):
         by_name = {name: (taken, tiles, size) for name, taken, tiles, size in self.rows}
         ours, tiles, size = by_name["nadir, mbtiles, 1 thread"]
         print()
@@ -146,8 +161,6 @@ class Bench:
             if not name.startswith("nadir"):
                 print(f"tiles per CPU second, against {name}: {tiles / ours.cpu_s / (count / taken.cpu_s):.1f} times; "
                       f"bytes a tile: {size / tiles / (their_size / count):.3f} times")
-        for container in ("mbtiles", "cog"):
-            print(f"two threads, {container}: {walls[container, 1] / walls[container, 2]:.2f} times as fast as one")
 
 
 def main():
@@ -164,13 +177,14 @@ def main():
         bench = Bench(options, pathlib.Path(folder))
         print(f"{'':<34} {'tiles':>7} {'CPU s':>8} {'wall s':>8} {'peak MB':>8} {'B/tile':>8} {'tiles/CPU':>9} "
               f"{'PSNR dB':>8}")
-        walls = bench.ours()
+        bench.ours()
         bench.gdal()
         if not options.skip_slow:
             bench.gdal2tiles()
             bench.rio_mbtiles()
             bench.rio_cogeo()
-        bench.ratios(walls)
+        bench.ratios()
+        bench.two_threads()
         if not options.imagery:
             bench.memory()
 

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """A build shared by 1, 2, 4 and 8 shards on the cores of this machine, one thread each: wall and CPU seconds, efficiency,
 the largest shard's memory, and whether the merged package has the bytes of the one that one process builds. Then the rates
-that docs/scale.md reckons with.
+that docs/scale.md reckons with; and the same for matchability map and place index, where camera.yaml lies beside the
+mission.
 
   tests/bench/scale.py [--size-km 4] [--shards 1 2 4 8] [--tries 2] [--object-storage]
   tests/bench/scale.py --mission mission.yaml --imagery map.tif [-- --dem dem.tif --captured 2024-06-01 ...]
@@ -82,6 +83,28 @@ class Bench:
         identical = same(self.whole, merged)
         shutil.rmtree(plan)
         return planned, best, merge, identical, handed_on
+
+    def surveys(self, count, camera):
+        """Matchability map and place index of the package, made alone and by shards: Markdown rows. Returns how many differ."""
+        wrong = 0
+        for verb, options, into in (("matchability", ["--step-m", 50], ["--into-package"]), ("index", [], [])):
+            shards, alone, taken = self.work / verb, self.work / "alone", self.work / "taken"
+            shards.mkdir()
+            command = [self.nadir, "cache", verb, "--camera", camera, *options, "--threads", 1]
+            for package in (alone, taken):
+                shutil.copytree(self.whole, package)
+            one = must([*command, alone, *into, *self.sign])
+            parts = [must([*command, self.whole, "--shards", shards, "--quiet", "--shard", f"{i}/{count}"]) for i in
+                     range(1, count + 1)]
+            take = must([*command, taken, "--shards", shards, *into, *self.sign])
+            identical = same(alone, taken)
+            wrong += not identical
+            print(f"| {verb} | {one.cpu_s:.1f}, {one.peak_mb:.0f} | {sum(p.cpu_s for p in parts):.1f} | "
+                  f"{max(p.peak_mb for p in parts):.0f} | {size_of(shards) / 1e6:.1f} MB | {take.cpu_s:.1f}, {take.peak_mb:.0f} | "
+                  f"{'identical' if identical else 'DIFFERENT'} |", flush=True)
+            for folder in (shards, alone, taken):
+                shutil.rmtree(folder)
+        return wrong
 
 
 def object_storage(bench, mission, imagery, more, shard_counts):
@@ -169,6 +192,11 @@ def main():
         size = size_of(bench.whole)
         print(f"\nper km²: {best[1] / area:.2f} CPU s to make tiles, {merge.cpu_s / area:.3f} to merge; {size / area / 1e6:.2f} MB "
               f"of package, {handed_on / area / 1e6:.2f} MB of shards; planning {planned.cpu_s:.1f} CPU s in all")
+        camera = options.mission.parent / "camera.yaml" if options.mission else work / "world/camera.yaml"
+        if camera.exists():
+            print(f"\n| {count} shards | alone: CPU s, MB | all shards: CPU s | peak MB of one | shards | taking them: CPU s, MB | bytes |")
+            print("|---|---|---|---|---|---|---|")
+            wrong += bench.surveys(count, camera)
         if options.object_storage:
             world = work / "world"
             mission, imagery, more = (options.mission, options.imagery[0], options.more) if options.mission else \
