@@ -135,16 +135,15 @@ std::vector<TileKey> AddressWork::lock_addresses(const std::string& from, const 
   return keys;
 }
 
-AddressWork::Claim AddressWork::claim_tiles(std::int64_t upload, std::size_t limit,
-                                            const std::set<std::int64_t>& but) {
+AddressWork::Claim AddressWork::claim_tiles(std::int64_t upload, std::size_t limit, const std::set<std::int64_t>& but) {
   std::string others;
   for (const std::int64_t tile : but) append_id(others, tile);
   if (!others.empty()) others = fmt::format(" AND t.id NOT IN ({})", others);
-  std::vector<TileKey> keys = lock_addresses(
-      fmt::format("{} t JOIN {} b ON b.sha256 = t.sha256", database_.of("tiles"), database_.of("blobs")),
-      fmt::format("t.upload = {} AND NOT EXISTS (SELECT 1 FROM {} v WHERE v.tile = t.id){}", upload,
-                  database_.of("verdicts"), others),
-      "ORDER BY t.place", limit);
+  std::vector<TileKey> keys =
+      lock_addresses(fmt::format("{} t JOIN {} b ON b.sha256 = t.sha256", database_.of("tiles"), database_.of("blobs")),
+                     fmt::format("t.upload = {} AND NOT EXISTS (SELECT 1 FROM {} v WHERE v.tile = t.id){}", upload,
+                                 database_.of("verdicts"), others),
+                     "ORDER BY t.place", limit);
   const bool more = keys.size() == limit;
   Claim claimed = claim(std::move(keys), others);
   claimed.more = more;
@@ -183,11 +182,11 @@ AddressWork::Claim AddressWork::claim(std::vector<TileKey> keys, const std::stri
 
 void AddressWork::read_waiting(std::vector<AddressTask>& addresses, std::span<const TileKey> keys,
                                const std::string& but_tiles) {
-  std::vector<TileRow> waiting = candidate_rows::select_tiles(
-      database_, rows_at(keys, database_.of("tiles"), "t"),
-      fmt::format("u.state = {} AND v.id IS NULL AND b.id IS NOT NULL{}", static_cast<int>(UploadState::judging),
-                  but_tiles),
-      true);
+  std::vector<TileRow> waiting =
+      candidate_rows::select_tiles(database_, rows_at(keys, database_.of("tiles"), "t"),
+                                   fmt::format("u.state = {} AND v.id IS NULL AND b.id IS NOT NULL{}",
+                                               static_cast<int>(UploadState::judging), but_tiles),
+                                   true);
   std::ranges::sort(waiting, {}, &TileRow::id);
   for (TileRow& tile : waiting) of(addresses, tile.key).waiting.push_back(std::move(tile));
 }
@@ -207,8 +206,7 @@ void AddressWork::read_standing(std::vector<AddressTask>& addresses, std::span<c
         standing.open = standing.open || row.integer("to_vote") == 1;
         several = several || standing.candidates.size() > 1;
       });
-  for (AddressTask& address : addresses)
-    std::ranges::sort(address.standing.candidates, {}, &AcceptedCandidate::tile);
+  for (AddressTask& address : addresses) std::ranges::sort(address.standing.candidates, {}, &AcceptedCandidate::tile);
   if (!several) return;
   database_.select(
       fmt::format("SELECT t.z AS z, t.x AS x, t.y AS y, w.tile AS tile, w.other AS other, w.shift_mm AS "
@@ -224,10 +222,12 @@ void AddressWork::read_standing(std::vector<AddressTask>& addresses, std::span<c
                                        .correlation_ppm = row.integer("correlation_ppm"),
                                        .agrees = row.integer("agrees") == 1});
       });
-  database_.select(fmt::format("SELECT p.z AS z, p.x AS x, p.y AS y, p.tile AS tile FROM {} WHERE p.current = 1",
+  database_.select(fmt::format("SELECT p.z AS z, p.x AS x, p.y AS y, p.tile AS tile, p.evidence AS evidence FROM {} "
+                               "WHERE p.current = 1",
                                rows_at(keys, database_.of("promotions"), "p")),
                    [&addresses](const CatalogueRow& row) {
-                     of(addresses, candidate_rows::key(row)).standing.promoted = row.integer("tile");
+                     AddressCandidates& standing = of(addresses, candidate_rows::key(row)).standing;
+                     standing.promoted = row.integer("tile"), standing.evidence = row.text("evidence");
                    });
 }
 
@@ -364,9 +364,9 @@ std::int64_t AddressWork::withdraw(const std::set<std::string>& keys) {
   CatalogueTransaction transaction(database_);
   for (const std::string& key : keys) {  // a worker that is judging its tiles finds it when it writes
     if (!database_.is_server() || !Sha256::from_hex(key)) continue;
-    database_.change(fmt::format("INSERT INTO {} (keyid) VALUES ('{}') ON CONFLICT DO NOTHING",
-                                 database_.of("revoked_keys"), key),
-                     "noting a revoked key");
+    database_.change(
+        fmt::format("INSERT INTO {} (keyid) VALUES ('{}') ON CONFLICT DO NOTHING", database_.of("revoked_keys"), key),
+        "noting a revoked key");
   }
   std::int64_t count = 0;
   database_.select("SELECT count(*) AS n " + theirs, [&count](const CatalogueRow& row) { count = row.integer("n"); });
