@@ -135,7 +135,7 @@ TEST_F(VoteTest, TheRequiredNumberOfFlightsMustAllAgree) {
   rules_.flights_to_promote = 3;
   add("a", "f1", 0, 1);
   add("b", "f2", 0, 1);
-  add("c", "f3", 0);
+  add("c", "f3", 0, 2);
   EXPECT_EQ(promoted(), 0);
   add("d", "f4", 0, 1);
   EXPECT_NE(promoted(), 0);
