@@ -20,28 +20,26 @@ std::uint64_t next_claim_number() {
   return ++last;
 }
 
-std::string at_any(const char* table, std::span<const TileKey> keys) {
-  std::string text;
-  for (const TileKey& key : keys) {
-    text += fmt::format("{0}({1}.z={2} AND {1}.x={3} AND {1}.y={4})", text.empty() ? "" : " OR ", table, key.z, key.x,
-                        key.y);
-  }
-  return "(" + text + ")";
-}
-
-// "table t", as rows at these addresses alone: found by its index for each of them, whatever the server thinks of the
-// table's size, which it knows of late.
-std::string rows_at(std::span<const TileKey> keys, const std::string& table, const char* t) {
-  std::string text;
-  for (const TileKey& key : keys) text += fmt::format("{}({},{},{})", text.empty() ? "" : ",", key.z, key.x, key.y);
-  return fmt::format("(VALUES {0}) k JOIN {1} {2} ON {2}.z = k.column1 AND {2}.x = k.column2 AND {2}.y = k.column3",
-                     text, table, t);
-}
-
 template <typename Keys>
-std::string at_none(const char* table, const Keys& keys) {
-  const std::vector<TileKey> list(keys.begin(), keys.end());
-  return list.empty() ? std::string() : fmt::format(" AND NOT ({})", at_any(table, list));
+std::string values_of(const Keys& keys) {
+  std::string text;
+  for (const TileKey& key : keys)
+    text += fmt::format("{}({},{},{})", text.empty() ? "VALUES " : ",", key.z, key.x, key.y);
+  return text;
+}
+
+// The rows of `table` at these addresses, as t: found by its index for each of them, and not by a walk over the table,
+// which a server may prefer by statistics that lag behind.
+std::string rows_at(std::span<const TileKey> keys, const std::string& table, const char* t) {
+  return fmt::format("({0}) k JOIN {1} {2} ON {2}.z = k.column1 AND {2}.x = k.column2 AND {2}.y = k.column3",
+                     values_of(keys), table, t);
+}
+
+// A condition more: not at any of these. As one list: SQLite takes at most a thousand conditions in a row.
+template <typename Keys>
+std::string at_none(const char* t, const Keys& keys) {
+  if (keys.empty()) return {};
+  return fmt::format(" AND ({0}.z, {0}.x, {0}.y) NOT IN ({1})", t, values_of(keys));
 }
 
 // The one at this address. They are in the order of their keys.
@@ -275,8 +273,8 @@ bool AddressWork::write(const Claim& claim, std::span<AddressResult> results, st
         "closing a vote");
   }
   if (!replaced.empty()) {
-    database_.change(fmt::format("UPDATE {} SET current = 0 WHERE current = 1 AND {}", database_.of("promotions"),
-                                 at_any("promotions", replaced)),
+    database_.change(fmt::format("UPDATE {} SET current = 0 WHERE current = 1 AND (z, x, y) IN ({})",
+                                 database_.of("promotions"), values_of(replaced)),
                      "replacing promoted tiles");
   }
   add_promotions(promotions);
