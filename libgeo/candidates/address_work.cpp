@@ -20,28 +20,26 @@ std::uint64_t next_claim_number() {
   return ++last;
 }
 
-std::string at_any(const char* table, std::span<const TileKey> keys) {
-  std::string text;
-  for (const TileKey& key : keys) {
-    text += fmt::format("{0}({1}.z={2} AND {1}.x={3} AND {1}.y={4})", text.empty() ? "" : " OR ", table, key.z, key.x,
-                        key.y);
-  }
-  return "(" + text + ")";
-}
-
-// "table t", as rows at these addresses alone: found by its index for each of them, whatever the server thinks of the
-// table's size, which it knows of late.
-std::string rows_at(std::span<const TileKey> keys, const std::string& table, const char* t) {
-  std::string text;
-  for (const TileKey& key : keys) text += fmt::format("{}({},{},{})", text.empty() ? "" : ",", key.z, key.x, key.y);
-  return fmt::format("(VALUES {0}) k JOIN {1} {2} ON {2}.z = k.column1 AND {2}.x = k.column2 AND {2}.y = k.column3",
-                     text, table, t);
-}
-
 template <typename Keys>
-std::string at_none(const char* table, const Keys& keys) {
-  const std::vector<TileKey> list(keys.begin(), keys.end());
-  return list.empty() ? std::string() : fmt::format(" AND NOT ({})", at_any(table, list));
+std::string values_of(const Keys& keys) {
+  std::string text;
+  for (const TileKey& key : keys)
+    text += fmt::format("{}({},{},{})", text.empty() ? "VALUES " : ",", key.z, key.x, key.y);
+  return text;
+}
+
+// The rows of `table` at these addresses, as t: found by its index for each of them, and not by a walk over the table,
+// which a server may prefer by statistics that lag behind.
+std::string rows_at(std::span<const TileKey> keys, const std::string& table, const char* t) {
+  return fmt::format("({0}) k JOIN {1} {2} ON {2}.z = k.column1 AND {2}.x = k.column2 AND {2}.y = k.column3",
+                     values_of(keys), table, t);
+}
+
+// A condition more: not at any of these. As one list: SQLite takes at most a thousand conditions in a row.
+template <typename Keys>
+std::string at_none(const char* t, const Keys& keys) {
+  if (keys.empty()) return {};
+  return fmt::format(" AND ({0}.z, {0}.x, {0}.y) NOT IN ({1})", t, values_of(keys));
 }
 
 // The one at this address. They are in the order of their keys.
@@ -135,16 +133,15 @@ std::vector<TileKey> AddressWork::lock_addresses(const std::string& from, const 
   return keys;
 }
 
-AddressWork::Claim AddressWork::claim_tiles(std::int64_t upload, std::size_t limit,
-                                            const std::set<std::int64_t>& but) {
+AddressWork::Claim AddressWork::claim_tiles(std::int64_t upload, std::size_t limit, const std::set<std::int64_t>& but) {
   std::string others;
   for (const std::int64_t tile : but) append_id(others, tile);
   if (!others.empty()) others = fmt::format(" AND t.id NOT IN ({})", others);
-  std::vector<TileKey> keys = lock_addresses(
-      fmt::format("{} t JOIN {} b ON b.sha256 = t.sha256", database_.of("tiles"), database_.of("blobs")),
-      fmt::format("t.upload = {} AND NOT EXISTS (SELECT 1 FROM {} v WHERE v.tile = t.id){}", upload,
-                  database_.of("verdicts"), others),
-      "ORDER BY t.place", limit);
+  std::vector<TileKey> keys =
+      lock_addresses(fmt::format("{} t JOIN {} b ON b.sha256 = t.sha256", database_.of("tiles"), database_.of("blobs")),
+                     fmt::format("t.upload = {} AND NOT EXISTS (SELECT 1 FROM {} v WHERE v.tile = t.id){}", upload,
+                                 database_.of("verdicts"), others),
+                     "ORDER BY t.place", limit);
   const bool more = keys.size() == limit;
   Claim claimed = claim(std::move(keys), others);
   claimed.more = more;
@@ -183,11 +180,11 @@ AddressWork::Claim AddressWork::claim(std::vector<TileKey> keys, const std::stri
 
 void AddressWork::read_waiting(std::vector<AddressTask>& addresses, std::span<const TileKey> keys,
                                const std::string& but_tiles) {
-  std::vector<TileRow> waiting = candidate_rows::select_tiles(
-      database_, rows_at(keys, database_.of("tiles"), "t"),
-      fmt::format("u.state = {} AND v.id IS NULL AND b.id IS NOT NULL{}", static_cast<int>(UploadState::judging),
-                  but_tiles),
-      true);
+  std::vector<TileRow> waiting =
+      candidate_rows::select_tiles(database_, rows_at(keys, database_.of("tiles"), "t"),
+                                   fmt::format("u.state = {} AND v.id IS NULL AND b.id IS NOT NULL{}",
+                                               static_cast<int>(UploadState::judging), but_tiles),
+                                   true);
   std::ranges::sort(waiting, {}, &TileRow::id);
   for (TileRow& tile : waiting) of(addresses, tile.key).waiting.push_back(std::move(tile));
 }
@@ -207,8 +204,7 @@ void AddressWork::read_standing(std::vector<AddressTask>& addresses, std::span<c
         standing.open = standing.open || row.integer("to_vote") == 1;
         several = several || standing.candidates.size() > 1;
       });
-  for (AddressTask& address : addresses)
-    std::ranges::sort(address.standing.candidates, {}, &AcceptedCandidate::tile);
+  for (AddressTask& address : addresses) std::ranges::sort(address.standing.candidates, {}, &AcceptedCandidate::tile);
   if (!several) return;
   database_.select(
       fmt::format("SELECT t.z AS z, t.x AS x, t.y AS y, w.tile AS tile, w.other AS other, w.shift_mm AS "
@@ -224,10 +220,12 @@ void AddressWork::read_standing(std::vector<AddressTask>& addresses, std::span<c
                                        .correlation_ppm = row.integer("correlation_ppm"),
                                        .agrees = row.integer("agrees") == 1});
       });
-  database_.select(fmt::format("SELECT p.z AS z, p.x AS x, p.y AS y, p.tile AS tile FROM {} WHERE p.current = 1",
+  database_.select(fmt::format("SELECT p.z AS z, p.x AS x, p.y AS y, p.tile AS tile, p.evidence AS evidence FROM {} "
+                               "WHERE p.current = 1",
                                rows_at(keys, database_.of("promotions"), "p")),
                    [&addresses](const CatalogueRow& row) {
-                     of(addresses, candidate_rows::key(row)).standing.promoted = row.integer("tile");
+                     AddressCandidates& standing = of(addresses, candidate_rows::key(row)).standing;
+                     standing.promoted = row.integer("tile"), standing.evidence = row.text("evidence");
                    });
 }
 
@@ -275,8 +273,8 @@ bool AddressWork::write(const Claim& claim, std::span<AddressResult> results, st
         "closing a vote");
   }
   if (!replaced.empty()) {
-    database_.change(fmt::format("UPDATE {} SET current = 0 WHERE current = 1 AND {}", database_.of("promotions"),
-                                 at_any("promotions", replaced)),
+    database_.change(fmt::format("UPDATE {} SET current = 0 WHERE current = 1 AND (z, x, y) IN ({})",
+                                 database_.of("promotions"), values_of(replaced)),
                      "replacing promoted tiles");
   }
   add_promotions(promotions);
@@ -364,9 +362,9 @@ std::int64_t AddressWork::withdraw(const std::set<std::string>& keys) {
   CatalogueTransaction transaction(database_);
   for (const std::string& key : keys) {  // a worker that is judging its tiles finds it when it writes
     if (!database_.is_server() || !Sha256::from_hex(key)) continue;
-    database_.change(fmt::format("INSERT INTO {} (keyid) VALUES ('{}') ON CONFLICT DO NOTHING",
-                                 database_.of("revoked_keys"), key),
-                     "noting a revoked key");
+    database_.change(
+        fmt::format("INSERT INTO {} (keyid) VALUES ('{}') ON CONFLICT DO NOTHING", database_.of("revoked_keys"), key),
+        "noting a revoked key");
   }
   std::int64_t count = 0;
   database_.select("SELECT count(*) AS n " + theirs, [&count](const CatalogueRow& row) { count = row.integer("n"); });

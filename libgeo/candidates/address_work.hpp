@@ -45,9 +45,9 @@ struct AddressResult {
   };
   TileKey key;
   std::vector<Judged> judged{};
-  std::vector<std::int64_t> standing{};  // tiles that took part in the vote, besides those judged now
+  std::vector<std::int64_t> standing{};    // tiles that took part in the vote, besides those judged now
   std::optional<std::int64_t> promoted{};  // before
-  std::optional<Outcome> outcome{};      // none: the address has to be voted on again
+  std::optional<Outcome> outcome{};        // none: the address has to be voted on again
 };
 
 class AddressWork {

@@ -10,6 +10,7 @@
 #include <cerrno>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
@@ -46,17 +47,6 @@ std::string line_of(const AuditEntry& entry, std::int64_t number, UtcTime at, st
   return line.dump(-1, ' ', true, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
-class FileLock {
- public:
-  explicit FileLock(int fd) : fd_(fd) { ::flock(fd_, LOCK_EX); }
-  ~FileLock() { ::flock(fd_, LOCK_UN); }
-  FileLock(const FileLock&) = delete;
-  FileLock& operator=(const FileLock&) = delete;
-
- private:
-  int fd_;
-};
-
 // The number of the last whole line, 0 when there is none.
 std::int64_t last_number(std::string_view text) {
   while (!text.empty()) {
@@ -78,6 +68,17 @@ std::int64_t last_number(std::string_view text) {
 }
 
 }  // namespace
+
+class AuditLog::FileLock {
+ public:
+  explicit FileLock(int fd) : fd_(fd) { ::flock(fd_, LOCK_EX); }
+  ~FileLock() { ::flock(fd_, LOCK_UN); }
+  FileLock(const FileLock&) = delete;
+  FileLock& operator=(const FileLock&) = delete;
+
+ private:
+  int fd_;
+};
 
 AuditLog::AuditLog(fs::path folder, const Clock& clock, AuditLimits limits)
     : folder_(std::move(folder)), clock_(clock), limits_(limits) {
@@ -113,8 +114,8 @@ void AuditLog::open() {
   }
   read_end();
   const fs::path before = audit_file(folder_, 1);
-  if (size_ == 0 && next_ == 1 && fs::exists(before)) {  // killed between a rotation and its first line
-    next_ = last_number(read_text_file(before, limits_.file_bytes)) + 1;
+  if (size_ == 0 && fs::exists(before)) {  // between a rotation and its first line
+    next_ = std::max(next_, last_number(read_text_file(before, limits_.file_bytes)) + 1);
   }
 }
 
@@ -129,6 +130,22 @@ void AuditLog::read_end() {
   next_ = std::max(next_, last_number(tail) + 1);
   // A line that a killed process, or a full disk, left torn must not swallow the next one.
   if (!tail.empty() && tail.back() != '\n' && ::write(fd_, "\n", 1) == 1) ++size_;
+}
+
+// The file that lines go to now, which another process may have begun.
+void AuditLog::lock_newest(std::optional<FileLock>& lock) {
+  for (;;) {
+    if (fd_ < 0) open();
+    lock.emplace(fd_);
+    struct stat ours {
+    }, named{};
+    const bool newest = ::fstat(fd_, &ours) == 0 && ::stat(audit_file(folder_, 0).c_str(), &named) == 0 &&
+                        ours.st_ino == named.st_ino && ours.st_dev == named.st_dev;
+    if (newest) return read_end();
+    lock.reset();
+    ::close(fd_);
+    fd_ = -1, size_ = 0;
+  }
 }
 
 void AuditLog::rotate() {
@@ -158,15 +175,17 @@ bool AuditLog::close_gap() {
   return true;
 }
 
-// Another process may write as well (`nadir-candidates installed --forget`): each line under a lock, after what is
-// there.
+// Other processes write as well (`nadir-candidates work`): each line under a lock, after what is there.
 bool AuditLog::append(const AuditEntry& entry, std::int64_t more) {
   try {
-    if (fd_ < 0) open();
-    const FileLock lock(fd_);
-    read_end();
-    const std::string line = line_of(entry, next_, clock_.now(), more);
-    if (size_ > 0 && size_ + line.size() > limits_.file_bytes) rotate();
+    std::optional<FileLock> lock;
+    lock_newest(lock);
+    std::string line = line_of(entry, next_, clock_.now(), more);
+    if (size_ > 0 && size_ + line.size() > limits_.file_bytes) {
+      rotate();
+      lock_newest(lock);
+      line = line_of(entry, next_, clock_.now(), more);
+    }
     const ssize_t written = ::write(fd_, line.data(), line.size());
     if (written != static_cast<ssize_t>(line.size())) {
       const int error = written < 0 ? errno : ENOSPC;

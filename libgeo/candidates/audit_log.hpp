@@ -11,13 +11,14 @@
 // says how many more there were.
 //
 // A disk that is full costs lines, never the service: fault() says so, and once there is room an entry "audit.gap" says
-// how many are missing. For any thread.
+// how many are missing. For any thread, and for several processes: each line is written under the file's lock.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <string>
 
 #include "base/time.hpp"
@@ -61,6 +62,8 @@ class AuditLog {
   void open();
   void read_end();
   void rotate();
+  class FileLock;
+  void lock_newest(std::optional<FileLock>& lock);
   void write(const AuditEntry& entry, std::int64_t more);
   bool close_gap();
   bool append(const AuditEntry& entry, std::int64_t more);

@@ -163,7 +163,8 @@ std::vector<Sha256> CandidateCatalogue::forget_upload(std::int64_t upload) {
 }
 
 std::vector<TileRow> CandidateCatalogue::tiles_of(std::int64_t upload, Detail detail) {
-  return candidate_rows::select_tiles(database_, database_.of("tiles") + " t", fmt::format("t.upload = {} ORDER BY t.place", upload),
+  return candidate_rows::select_tiles(database_, database_.of("tiles") + " t",
+                                      fmt::format("t.upload = {} ORDER BY t.place", upload),
                                       detail == Detail::sidecars);
 }
 
@@ -218,10 +219,11 @@ CatalogueCounts CandidateCatalogue::counts() {
       [&](const CatalogueRow& row) { counts.rejected_by.emplace_back(row.text("code"), row.integer("n")); });
   if (!database_.is_server()) return counts;
   database_.select(
-      fmt::format("SELECT count(*) AS n, coalesce(max(extract(epoch FROM now() - a.xact_start) * 1000), 0)::bigint AS ms "
-                  "FROM pg_locks l JOIN pg_stat_activity a ON a.pid = l.pid "
-                  "WHERE l.relation = to_regclass('{}') AND l.mode = 'RowShareLock'",
-                  database_.of("addresses")),
+      fmt::format(
+          "SELECT count(*) AS n, coalesce(max(extract(epoch FROM now() - a.xact_start) * 1000), 0)::bigint AS ms "
+          "FROM pg_locks l JOIN pg_stat_activity a ON a.pid = l.pid "
+          "WHERE l.relation = to_regclass('{}') AND l.mode = 'RowShareLock'",
+          database_.of("addresses")),
       [&](const CatalogueRow& row) { counts.claims = row.integer("n"), counts.oldest_claim_ms = row.integer("ms"); });
   return counts;
 }
@@ -238,9 +240,9 @@ void CandidateCatalogue::add_pack(std::int64_t upload, const Sha256& pack, std::
   std::vector<Sha256> names;
   for (const PackedTile& tile : tiles) names.push_back(tile.sha256);
   std::map<std::string, std::string> there;  // the packs of tiles that another upload has brought
-  database_.select(
-      fmt::format("SELECT sha256, pack FROM {} WHERE sha256 IN ({})", database_.of("blobs"), candidate_rows::quoted(names)),
-      [&there](const CatalogueRow& row) { there.emplace(row.text("sha256"), row.text("pack")); });
+  database_.select(fmt::format("SELECT sha256, pack FROM {} WHERE sha256 IN ({})", database_.of("blobs"),
+                               candidate_rows::quoted(names)),
+                   [&there](const CatalogueRow& row) { there.emplace(row.text("sha256"), row.text("pack")); });
   const bool needed = std::ranges::any_of(tiles, [&](const PackedTile& tile) {
     const auto found = there.find(tile.sha256.hex());
     return found == there.end() || found->second == pack.hex();  // a damaged copy of this pack is replaced
@@ -293,8 +295,9 @@ std::vector<Sha256> CandidateCatalogue::drop_dead(std::set<Sha256> packs) {
       [&packs](const CatalogueRow& row) { packs.erase(candidate_rows::digest(row, "pack")); });
   std::vector<Sha256> dead(packs.begin(), packs.end());
   if (!dead.empty()) {
-    database_.change(fmt::format("DELETE FROM {} WHERE pack IN ({})", database_.of("blobs"), candidate_rows::quoted(dead)),
-                     "removing packs");
+    database_.change(
+        fmt::format("DELETE FROM {} WHERE pack IN ({})", database_.of("blobs"), candidate_rows::quoted(dead)),
+        "removing packs");
   }
   return dead;
 }
@@ -304,7 +307,8 @@ void CandidateCatalogue::remove_unused(std::span<const Sha256> packs,
   if (packs.empty()) return;
   CatalogueTransaction transaction(database_);  // nothing is changed: it keeps add_pack() waiting
   std::set<std::string> used;
-  database_.select(fmt::format("SELECT DISTINCT pack FROM {} WHERE pack IN ({})", database_.of("blobs"), candidate_rows::quoted(packs)),
+  database_.select(fmt::format("SELECT DISTINCT pack FROM {} WHERE pack IN ({})", database_.of("blobs"),
+                               candidate_rows::quoted(packs)),
                    [&used](const CatalogueRow& row) { used.insert(row.text("pack")); });
   for (const Sha256& pack : packs) {
     if (!used.contains(pack.hex())) remove(pack);

@@ -40,9 +40,9 @@ class CandidateCatalogue {
                            std::span<const std::optional<Refusal>> refusals, std::int64_t now_ms);
   // All its tiles are there. From now on workers find them.
   void start_judging(std::int64_t upload);
-  // Once all its tiles have verdicts: judged. Returns those of its packs, and of those in which tiles of it lie, of which
-  // no tile is accepted or waits: their tiles are forgotten, and the files are for remove_unused(). nullopt: some tiles
-  // of the upload wait, or it was judged before.
+  // Once all its tiles have verdicts: judged. Returns those of its packs, and of those in which tiles of it lie, of
+  // which no tile is accepted or waits: their tiles are forgotten, and the files are for remove_unused(). nullopt: some
+  // tiles of the upload wait, or it was judged before.
   std::optional<std::vector<Sha256>> finish_judging(std::int64_t upload);
   // With its tiles and their verdicts. Returns the packs that are no longer needed, for remove_unused().
   std::vector<Sha256> forget_upload(std::int64_t upload);

@@ -72,7 +72,8 @@ std::string quoted(std::span<const Sha256> digests) {
 std::vector<TileRow> select_tiles(CatalogueDatabase& database, const std::string& from,
                                   const std::string& where_and_order, bool with_sidecars) {
   std::vector<TileRow> tiles;
-  database.select(fmt::format("SELECT t.id AS id, t.upload AS upload, t.z AS z, t.x AS x, t.y AS y, t.place AS place, t.bytes AS size, t.sha256 AS "
+  database.select(fmt::format("SELECT t.id AS id, t.upload AS upload, t.z AS z, t.x AS x, t.y AS y, t.place AS place, "
+                              "t.bytes AS size, t.sha256 AS "
                               "sha256, t.keyid AS keyid, {} b.pack AS pack, b.start AS start, b.bytes AS bytes, "
                               "v.verdict AS verdict, v.code AS code, v.detail AS detail FROM {} "
                               "JOIN {} u ON u.id = t.upload LEFT JOIN {} b ON b.sha256 = t.sha256 "

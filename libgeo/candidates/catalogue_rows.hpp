@@ -111,18 +111,19 @@ struct Promotion {
   std::string evidence;  // JSON: which tiles of which flights agreed, and how well
 };
 
-// The accepted tiles of one tile address, the votes on pairs of them so far, and which of them is promoted.
+// The accepted tiles of one tile address, the votes on pairs of them so far, and which of them is promoted and why.
 struct AddressCandidates {
   TileKey key;
   std::vector<AcceptedCandidate> candidates{};
   std::vector<Vote> votes{};
   std::optional<std::int64_t> promoted{};
-  bool open = false;  // a candidate has come, or gone, since the last vote
+  std::string evidence{};  // of that promotion
+  bool open = false;       // a candidate has come, or gone, since the last vote
 };
 
 struct Outcome {
   std::vector<Vote> new_votes;
-  std::optional<Promotion> promotion;  // of another tile than before
+  std::optional<Promotion> promotion;  // of another tile than before, or by other evidence
 };
 
 struct PromotedTile {
@@ -135,7 +136,7 @@ struct CatalogueCounts {
   std::int64_t uploads = 0, open = 0, judging = 0;
   std::int64_t tiles = 0, accepted = 0, rejected = 0, duplicate = 0;
   std::int64_t to_vote = 0, promoted = 0;
-  std::int64_t claims = 0;       // of addresses that workers hold now, and how old the oldest of them is; PostGIS alone
+  std::int64_t claims = 0;  // of addresses that workers hold now, and how old the oldest of them is; PostGIS alone
   std::int64_t oldest_claim_ms = 0;
   std::vector<std::pair<std::string, std::int64_t>> rejected_by;  // code, tiles
 };
@@ -149,9 +150,9 @@ struct Usage {
 // How the tables' rows become these values. Each throws Error for what no service wrote.
 namespace candidate_rows {
 Sha256 digest(const CatalogueRow& row, const char* column);
-TileKey key(const CatalogueRow& row);        // columns z, x, y
-BlobPlace blob(const CatalogueRow& row);     // pack, start, bytes
-UploadRow upload(const CatalogueRow& row);   // all of `uploads`
+TileKey key(const CatalogueRow& row);       // columns z, x, y
+BlobPlace blob(const CatalogueRow& row);    // pack, start, bytes
+UploadRow upload(const CatalogueRow& row);  // all of `uploads`
 TileRow tile(const CatalogueRow& row, bool with_sidecar);
 std::string quoted(std::span<const Sha256> digests);  // for IN (…)
 

@@ -42,8 +42,8 @@ class EvaluationWorkers {
   EvaluationWorkers(const EvaluationWorkers&) = delete;
   EvaluationWorkers& operator=(const EvaluationWorkers&) = delete;
 
-  void wake();  // something may be to be done: otherwise they look once a second
-  void stop();  // what they are doing is finished
+  void wake();        // something may be to be done: otherwise they look once a second
+  void stop();        // what they are doing is finished
   bool idle() const;  // none of them found anything when it last looked
 
   // What went wrong last (the catalogue did not answer, a pack is damaged); empty: nothing. Such work stays to be done,
@@ -58,7 +58,7 @@ class EvaluationWorkers {
     CatalogueThread* catalogue = nullptr;
     std::string last_client{};  // whose turn it was
     bool idle = false;
-    std::jthread thread{};      // last: it uses the others
+    std::jthread thread{};  // last: it uses the others
   };
   void run(Worker& worker, const std::stop_token& stop);
   bool evaluate(Worker& worker, const std::stop_token& stop);

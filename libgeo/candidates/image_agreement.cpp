@@ -62,8 +62,7 @@ cv::Point2d shift_from(const cv::Mat& correlation) {
   double weight = 0, right = 0, down = 0;
   for (int y = -kPeakReach_px; y <= kPeakReach_px; ++y) {
     for (int x = -kPeakReach_px; x <= kPeakReach_px; ++x) {  // it goes on at the opposite edge
-      const double value =
-          correlation.at<float>((peak.y + y + rows) % rows, (peak.x + x + columns) % columns);
+      const double value = correlation.at<float>((peak.y + y + rows) % rows, (peak.x + x + columns) % columns);
       weight += value, right += value * x, down += value * y;
     }
   }

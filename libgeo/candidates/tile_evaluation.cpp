@@ -38,8 +38,8 @@ void compare_with_accepted(TileVerdict& verdict, const CandidateSidecar& sidecar
     verdict.detail = "this tile was already accepted";
   } else if (std::ranges::any_of(accepted, better)) {
     verdict.verdict = Verdict::rejected;
-    verdict.refusal = Refusal{.code = ReasonCode::better_tile_exists,
-                              .detail = "this flight has sent a better tile of this address"};
+    verdict.refusal =
+        Refusal{.code = ReasonCode::better_tile_exists, .detail = "this flight has sent a better tile of this address"};
   }
 }
 
@@ -141,7 +141,8 @@ std::optional<AddressResult::Judged> TileEvaluation::judge_readable(const TileRo
 }
 
 // Verdicts on the tiles that wait, then a vote by all that are accepted.
-AddressResult TileEvaluation::evaluate(const AddressTask& task, std::int64_t now_ms, std::optional<Error>& why_unvoted) {
+AddressResult TileEvaluation::evaluate(const AddressTask& task, std::int64_t now_ms,
+                                       std::optional<Error>& why_unvoted) {
   AddressResult result{.key = task.key, .promoted = task.standing.promoted};
   AddressCandidates candidates = task.standing;
   for (const AcceptedCandidate& candidate : candidates.candidates) result.standing.push_back(candidate.tile);
@@ -248,8 +249,8 @@ TileEvaluation::Piece TileEvaluation::evaluate_some(CatalogueThread& catalogue, 
     const auto found = unevaluated_.find(upload);
     return found == unevaluated_.end() ? std::set<std::int64_t>() : found->second.tiles;
   }();
-  const AddressWork::Claim claim = catalogue.call(
-      [&](CandidateCatalogue& in) { return in.work().claim_tiles(upload, kTilesAtOnce, unreadable); });
+  const AddressWork::Claim claim =
+      catalogue.call([&](CandidateCatalogue& in) { return in.work().claim_tiles(upload, kTilesAtOnce, unreadable); });
   // The vote of an address that cannot be held now is for vote_some().
   Piece piece = work_on(catalogue, claim, [](const TileKey&, const Error&) {});
   if (piece.more) return piece;

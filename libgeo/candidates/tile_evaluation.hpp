@@ -1,9 +1,9 @@
 // What becomes of tiles that are there: a verdict on each by its image and its base package's map, votes between
 // flights at each address, and the withdrawal of what a revoked key has signed.
 //
-// Work comes in pieces: a call claims some addresses (address_work.hpp), does their part of it and says whether there is
-// more. What a killed process has not committed is done again. A tile that cannot be read now keeps no other tile from
-// its verdict and no other address from its vote.
+// Work comes in pieces: a call claims some addresses (address_work.hpp), does their part of it and says whether there
+// is more. What a killed process has not committed is done again. A tile that cannot be read now keeps no other tile
+// from its verdict and no other address from its vote.
 //
 // For any number of threads, here and in other processes. On PostGIS each gives a CatalogueThread of its own; on
 // SpatiaLite all give the same one.

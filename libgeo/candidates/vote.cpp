@@ -173,12 +173,13 @@ Outcome decide(const AddressCandidates& address, const CompareImages& compare, s
         **std::min_element(group.begin(), group.end(), [](const AcceptedCandidate* a, const AcceptedCandidate* b) {
           return cost_mm(a->sidecar) < cost_mm(b->sidecar);
         });
-    if (address.promoted != best.tile) {
+    std::string evidence = evidence_of(best, group, votes, rules);
+    if (address.promoted != best.tile || address.evidence != evidence) {
       outcome.promotion = {.tile = best.tile,
                            .key = address.key,
                            .decided_ms = now_ms,
                            .flights = std::ssize(group),
-                           .evidence = evidence_of(best, group, votes, rules)};
+                           .evidence = std::move(evidence)};
     }
     break;
   }

@@ -5,7 +5,8 @@
 // flight counts once, with its best tile. The flights compared are chosen round-robin over the airframes, so that one
 // key, however many flights it signs, cannot exclude the newest flight of another airframe. The newest tile that agrees
 // with enough others decides what the ground looks like: a change on the ground is adopted as soon as enough flights
-// have seen it. The best tile (cost_mm) of the agreeing group is promoted.
+// have seen it. The best tile (cost_mm) of the agreeing group is promoted, and anew when the group has changed: its
+// accuracy is that of all who corroborate it, in whichever order they came.
 #pragma once
 
 #include <functional>

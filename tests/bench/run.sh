@@ -23,7 +23,8 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   area          20 km² at zoom 19: built, verified in full, indexed, read tile by tile (15 minutes)
   scale         a build shared by 1, 2, 4 and 8 shards on this machine's cores: seconds, memory, the same bytes (5 minutes)
   large         100 000 tiles, 10 GB: quick and full verification, coverage and freshness, catalogue (10 minutes, 11 GB)
-  candidates    the candidate service: 100 000 tiles of two flights, in both catalogues (half an hour; --tiles N)
+  candidates    the candidate service: 100 000 tiles of two flights, in both catalogues, and by several workers (half an hour; --tiles N,
+                --only file|server|workers, --against PROGRAM of another commit)
   localization  a flight of sixty frames over a landscape of another day
   latency       the CPU time of a frame, stage by stage, over a simulated flight
   ablations     the method with steps left out and with other backends (--data DIR: over a recorded flight)

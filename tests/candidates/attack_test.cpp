@@ -153,8 +153,8 @@ TEST_F(Attack, RevokedKeyDuringAVotePromotesNothing) {
   ASSERT_EQ(catalogue.work().withdraw({first_.key().public_key().id()}), 1);
   AddressResult both{.key = keys[0], .standing = {other}};
   both.judged.push_back({.verdict = {.tile = task.waiting[0].id}, .keyid = task.waiting[0].keyid});
-  both.outcome = Outcome{.new_votes = {},
-                         .promotion = Promotion{.tile = other, .key = keys[0], .flights = 2, .evidence = "{}"}};
+  both.outcome =
+      Outcome{.new_votes = {}, .promotion = Promotion{.tile = other, .key = keys[0], .flights = 2, .evidence = "{}"}};
   ASSERT_TRUE(catalogue.work().write(claim, {&both, 1}, 1, {}));
   EXPECT_EQ(catalogue.counts().promoted, 0);
   EXPECT_EQ(catalogue.counts().to_vote, 1) << "the other one is voted on again, alone";

@@ -92,6 +92,25 @@ TEST_F(AuditLogTest, TwoWritersShareOneCount) {
 }
 
 // A process was killed, or the disk filled up, during a write: the incomplete line stays, and no other line is lost.
+TEST_F(AuditLogTest, TwoWritersShareOneCountOverFiles) {
+  const AuditLimits limits{.file_bytes = 500, .files = 8, .equal_per_minute = 1000};
+  AuditLog service = log(limits), worker = log(limits);
+  for (int i = 0; i < 12; ++i) {
+    service.record({.act = "batch.announce", .result = "opened"});
+    worker.record({.act = "tiles.promote", .result = "promoted"});
+    worker.record({.act = "tiles.promote", .result = "promoted"});
+  }
+  EXPECT_EQ(service.fault() + worker.fault(), "");
+  std::vector<int> numbers;
+  for (int age = 7; age >= 0; --age) {
+    const std::string file = age == 0 ? "audit.jsonl" : "audit." + std::to_string(age) + ".jsonl";
+    if (!fs::exists(folder_ / "audit" / file)) continue;
+    for (const nlohmann::json& line : lines(file.c_str())) numbers.push_back(line["n"]);
+  }
+  ASSERT_EQ(numbers.size(), 36U);
+  for (std::size_t i = 0; i < numbers.size(); ++i) EXPECT_EQ(numbers[i], static_cast<int>(i) + 1);
+}
+
 TEST_F(AuditLogTest, ATornLineIsTerminated) {
   log().record({.act = "one", .result = "done"});
   std::string text = read_text_file(folder_ / "audit" / "audit.jsonl");

@@ -454,6 +454,12 @@ TEST_F(ClaimedAddress, BringsTheTilesOfEveryCompleteUpload) {
   EXPECT_FALSE(first_.finish_judging(one)) << "once";
 }
 
+TEST_F(ClaimedAddress, MayBeOneOfThousands) {
+  std::set<TileKey> unreadable;
+  for (const TileKey& key : test::keys_in_a_row(3000, 7)) unreadable.insert(key);
+  first_.work().release(first_.work().claim_votes(10, unreadable));
+}
+
 TEST_F(ClaimedAddress, ThatWasLostIsNotWritten) {
   const std::int64_t upload = judging(row(2));
   const AddressWork::Claim claim = first_.work().claim_tiles(upload, 10);

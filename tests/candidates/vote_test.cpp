@@ -153,8 +153,15 @@ TEST_F(VoteTest, ChangedGroundWinsOnceEnoughFlightsShowIt) {
 TEST_F(VoteTest, APromotedTileStaysPromoted) {
   add("a", "f1", 0, 1, 900);
   add("b", "f2", 0, 1);
-  address_.promoted = 1;
+  const auto promotion = outcome().promotion;
+  ASSERT_TRUE(promotion);
+  address_.promoted = promotion->tile, address_.evidence = promotion->evidence;
   EXPECT_FALSE(outcome().promotion);
+  add("c", "f3", 0);
+  const auto again = outcome().promotion;
+  ASSERT_TRUE(again) << "a third flight corroborates it";
+  EXPECT_EQ(again->tile, promotion->tile);
+  EXPECT_EQ(again->flights, 3);
 }
 
 TEST_F(VoteTest, KnownComparisonsAreNotRepeatedAndTheWorkIsBounded) {

@@ -19,8 +19,9 @@ int main(int argc, char** argv) {
   nadir::install_signal_handlers();
   const nadir::SystemClock clock;
   std::vector<std::unique_ptr<nadir::Command>> commands;
-  for (const auto make : {nadir::make_serve, nadir::make_work, nadir::make_status, nadir::make_export,
-                          nadir::make_installed, nadir::make_token_create, nadir::make_token_list, nadir::make_token_revoke}) {
+  for (const auto make :
+       {nadir::make_serve, nadir::make_work, nadir::make_status, nadir::make_export, nadir::make_installed,
+        nadir::make_token_create, nadir::make_token_list, nadir::make_token_revoke}) {
     commands.push_back(make());
   }
   const nadir::ProgramText text{

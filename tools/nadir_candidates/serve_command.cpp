@@ -156,7 +156,8 @@ int ServeCommand::run(Context& context) {
   FairQueue queue(static_cast<std::size_t>(threads_), kQueuedPerClient);
   EvaluationWorkers workers(service.evaluation(), service_.catalogue, &service.catalogue(), workers_);
   ServiceWork work(service, queue, workers);
-  const UploadApi api(service, clients, address.loopback(), [&workers] { workers.wake(); }, start.warnings());
+  const UploadApi api(
+      service, clients, address.loopback(), [&workers] { workers.wake(); }, start.warnings());
   const UploadServer server(api, queue, address);
   if (port_file_) write_file_atomic(*port_file_, fmt::format("{}\n", server.port()));
   if (!context.quiet) context.err << fmt::format("listening on {}:{}\n", address.ip, server.port()) << std::flush;

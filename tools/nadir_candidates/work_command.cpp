@@ -112,7 +112,8 @@ int WorkCommand::run(Context& context) {
   PackStore packs(data / "packs");
   AuditLog audit(data / "audit", context.clock);
   // A key that is revoked later is noted in the catalogue, and found there with each result.
-  TileEvaluation evaluation(packs, maps, [root] { return root; }, audit, context.clock, rules);
+  TileEvaluation evaluation(
+      packs, maps, [root] { return root; }, audit, context.clock, rules);
   EvaluationWorkers workers(evaluation, catalogue, nullptr, workers_);
   audit.record({.act = "work.start", .result = "started", .detail = fmt::format("workers {}", workers_)});
   if (!context.quiet) context.err << fmt::format("working: {}\n", workers_) << std::flush;
