@@ -12,6 +12,7 @@
 #include "mission_formats/mission_files.hpp"
 #include "planning/mission_document.hpp"
 #include "raster/elevation_model.hpp"
+#include "token_keys/token_key.hpp"
 
 namespace nadir {
 namespace {
@@ -70,8 +71,9 @@ std::string id_from(std::string_view name) {
   return id.empty() ? "mission" : id.substr(0, kLongestName);
 }
 
-// A path as a command in the root takes it.
+// A path as a command in the root takes it; the URI of a token's key is none.
 fs::path seen_from(const fs::path& root, const fs::path& path) {
+  if (is_token_uri(path.native())) return path;
   const fs::path whole = fs::absolute(path).lexically_normal();
   const fs::path inside = whole.lexically_relative(fs::absolute(root).lexically_normal());
   return inside.empty() || *inside.begin() == ".." ? whole : inside;

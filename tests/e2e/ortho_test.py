@@ -96,7 +96,7 @@ class Ortho(EndToEnd):
         document = json.loads(poses.read_text())
         for mentions, change in ((["flight", "expected"], {"flight": "0" * 12}), (["map"], {"base_package": "0" * 64}),
                              (["camera"], {"camera": "0" * 64}), (["plane"], {"origin": {"lon_deg": 8.0, "lat_deg": 47.0}}),
-                             (["number of frames"], {"frames": 6}), (["schema", "nadir.poses/2"], {"schema": "nadir.poses/1"}),
+                             (["number of frames"], {"frames": 6}), (["schema", "nadir.poses/3"], {"schema": "nadir.poses/1"}),
                              (["/poses/0/agl_m"], {"poses": [document["poses"][0] | {"agl_m": None}]}),
                              (["name of a frame"], {"poses": [document["poses"][0] | {"frame": "other.jpg"}]})):
             (f / "changed.json").write_text(json.dumps(document | change))
