@@ -1,7 +1,6 @@
 #include "object_storage/object_client.hpp"
 
 #include <arpa/inet.h>
-#include <curl/curl.h>
 #include <fmt/format.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
@@ -18,19 +17,9 @@
 
 #include "base/error.hpp"
 #include "base/printable.hpp"
+#include "http/curl.hpp"
 
 namespace nadir {
-
-struct ObjectClient::Connection {
-  Connection() : easy(curl_easy_init()) {
-    if (easy == nullptr) throw Error({.what = "libcurl cannot be initialized", .fix = "check the memory that is left"});
-  }
-  ~Connection() { curl_easy_cleanup(easy); }
-  Connection(const Connection&) = delete;
-  Connection& operator=(const Connection&) = delete;
-
-  CURL* easy;
-};
 
 // One request and what became of it.
 struct ObjectClient::Attempt {
@@ -95,16 +84,6 @@ curl_socket_t open_socket(void* user, curlsocktype, curl_sockaddr* address) {
   return ::socket(address->family, address->socktype | SOCK_CLOEXEC, address->protocol);
 }
 
-template <typename Value>
-void set(CURL* easy, CURLoption option, Value value) {
-  if (const CURLcode code = curl_easy_setopt(easy, option, value); code != CURLE_OK) {
-    throw Error({.what = "libcurl rejects a setting",
-                 .where = fmt::format("option {}", static_cast<int>(option)),
-                 .found = curl_easy_strerror(code),
-                 .fix = "install libcurl 7.88 or later, with TLS"});
-  }
-}
-
 }  // namespace
 
 std::optional<ContentRange> parse_content_range(std::string_view text) {
@@ -140,22 +119,19 @@ std::string element(std::string_view xml, std::string_view tag) {
 }  // namespace
 
 ObjectClient::ObjectClient(SignUrl sign, ObjectClientSettings settings)
-    : sign_(std::move(sign)), settings_(std::move(settings)) {
-  static std::once_flag once;
-  std::call_once(once, [] { curl_global_init(CURL_GLOBAL_DEFAULT); });
-}
+    : sign_(std::move(sign)), settings_(std::move(settings)) {}
 
 ObjectClient::~ObjectClient() = default;
 
-std::unique_ptr<ObjectClient::Connection> ObjectClient::take_connection() {
+std::unique_ptr<CurlHandle> ObjectClient::take_connection() {
   const std::lock_guard lock(mutex_);
-  if (idle_.empty()) return std::make_unique<Connection>();
-  std::unique_ptr<Connection> connection = std::move(idle_.back());
+  if (idle_.empty()) return std::make_unique<CurlHandle>();
+  std::unique_ptr<CurlHandle> connection = std::move(idle_.back());
   idle_.pop_back();
   return connection;
 }
 
-void ObjectClient::give_back(std::unique_ptr<Connection> connection) {
+void ObjectClient::give_back(std::unique_ptr<CurlHandle> connection) {
   const std::lock_guard lock(mutex_);
   idle_.push_back(std::move(connection));
 }
@@ -167,27 +143,27 @@ ObjectClient::Attempt ObjectClient::attempt(const ObjectAddress& object, std::ui
   Attempt result;
   result.most = std::max(most, kLargestComplaint);
 
-  std::unique_ptr<Connection> connection = take_connection();
+  std::unique_ptr<CurlHandle> connection = take_connection();
   CURL* easy = connection->easy;
   curl_easy_reset(easy);  // keeps the connection
-  set(easy, CURLOPT_URL, url.c_str());
-  set(easy, CURLOPT_RANGE, range.c_str());
-  set(easy, CURLOPT_PROTOCOLS_STR, "http,https");
-  set(easy, CURLOPT_FOLLOWLOCATION, web ? 1L : 0L);
-  set(easy, CURLOPT_MAXREDIRS, kMostRedirects);
-  set(easy, CURLOPT_REDIR_PROTOCOLS_STR, url.starts_with("https:") ? "https" : "http,https");
-  set(easy, CURLOPT_OPENSOCKETFUNCTION, &open_socket);
-  set(easy, CURLOPT_OPENSOCKETDATA, &result.led_to);
-  set(easy, CURLOPT_HTTP_VERSION, static_cast<long>(CURL_HTTP_VERSION_1_1));
-  set(easy, CURLOPT_SSLVERSION, static_cast<long>(CURL_SSLVERSION_TLSv1_2));
-  if (settings_.authorities) set(easy, CURLOPT_CAINFO, settings_.authorities->c_str());
-  set(easy, CURLOPT_NOSIGNAL, 1L);
-  set(easy, CURLOPT_CONNECTTIMEOUT, static_cast<long>(settings_.connect_timeout_s));
-  set(easy, CURLOPT_LOW_SPEED_LIMIT, static_cast<long>(settings_.slowest_bytes_s));
-  set(easy, CURLOPT_LOW_SPEED_TIME, static_cast<long>(settings_.stall_timeout_s));
-  set(easy, CURLOPT_TIMEOUT, static_cast<long>(settings_.request_timeout_s));
-  set(easy, CURLOPT_USERAGENT, "nadir/1");
-  set(
+  set_option(easy, CURLOPT_URL, url.c_str());
+  set_option(easy, CURLOPT_RANGE, range.c_str());
+  set_option(easy, CURLOPT_PROTOCOLS_STR, "http,https");
+  set_option(easy, CURLOPT_FOLLOWLOCATION, web ? 1L : 0L);
+  set_option(easy, CURLOPT_MAXREDIRS, kMostRedirects);
+  set_option(easy, CURLOPT_REDIR_PROTOCOLS_STR, url.starts_with("https:") ? "https" : "http,https");
+  set_option(easy, CURLOPT_OPENSOCKETFUNCTION, &open_socket);
+  set_option(easy, CURLOPT_OPENSOCKETDATA, &result.led_to);
+  set_option(easy, CURLOPT_HTTP_VERSION, static_cast<long>(CURL_HTTP_VERSION_1_1));
+  set_option(easy, CURLOPT_SSLVERSION, static_cast<long>(CURL_SSLVERSION_TLSv1_2));
+  if (settings_.authorities) set_option(easy, CURLOPT_CAINFO, settings_.authorities->c_str());
+  set_option(easy, CURLOPT_NOSIGNAL, 1L);
+  set_option(easy, CURLOPT_CONNECTTIMEOUT, static_cast<long>(settings_.connect_timeout_s));
+  set_option(easy, CURLOPT_LOW_SPEED_LIMIT, static_cast<long>(settings_.slowest_bytes_s));
+  set_option(easy, CURLOPT_LOW_SPEED_TIME, static_cast<long>(settings_.stall_timeout_s));
+  set_option(easy, CURLOPT_TIMEOUT, static_cast<long>(settings_.request_timeout_s));
+  set_option(easy, CURLOPT_USERAGENT, "nadir/1");
+  set_option(
       easy, CURLOPT_HEADERFUNCTION, +[](char* data, std::size_t size, std::size_t count, void* user) -> std::size_t {
         auto& attempt = *static_cast<Attempt*>(user);
         std::string_view line(data, size * count);
@@ -197,20 +173,11 @@ ObjectClient::Attempt ObjectClient::attempt(const ObjectAddress& object, std::ui
           return 0;
         }
         if (line.starts_with("HTTP/")) attempt.headers.clear(), attempt.body.clear();  // of the redirection before
-        const std::size_t colon = line.find(':');
-        if (colon == std::string_view::npos) return size * count;
-        std::string name(line.substr(0, colon));
-        std::transform(name.begin(), name.end(), name.begin(),
-                       [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
-        line.remove_prefix(colon + 1);
-        while (!line.empty() && (line.front() == ' ' || line.front() == '\t')) line.remove_prefix(1);
-        while (!line.empty() && (line.back() == '\r' || line.back() == '\n' || line.back() == ' '))
-          line.remove_suffix(1);
-        attempt.headers[name] = line;
+        add_header_line(line, attempt.headers);
         return size * count;
       });
-  set(easy, CURLOPT_HEADERDATA, &result);
-  set(
+  set_option(easy, CURLOPT_HEADERDATA, &result);
+  set_option(
       easy, CURLOPT_WRITEFUNCTION, +[](char* data, std::size_t size, std::size_t count, void* user) -> std::size_t {
         auto& attempt = *static_cast<Attempt*>(user);
         if (attempt.body.size() + size * count > attempt.most) {
@@ -221,7 +188,7 @@ ObjectClient::Attempt ObjectClient::attempt(const ObjectAddress& object, std::ui
         attempt.body.insert(attempt.body.end(), begin, begin + size * count);
         return size * count;
       });
-  set(easy, CURLOPT_WRITEDATA, &result);
+  set_option(easy, CURLOPT_WRITEDATA, &result);
 
   const CURLcode code = curl_easy_perform(easy);
   long status = 0;

@@ -24,6 +24,8 @@
 
 namespace nadir {
 
+struct CurlHandle;  // http/curl.hpp
+
 // The URL to GET an object of a store with, valid for some minutes. Throws Error without credentials.
 using SignUrl = std::function<std::string(const ObjectAddress&)>;
 
@@ -67,16 +69,15 @@ class ObjectClient {
   ObjectTraffic traffic() const { return {requests_, bytes_}; }
 
  private:
-  struct Connection;
   struct Attempt;
   Attempt attempt(const ObjectAddress& object, std::uint64_t at, std::uint64_t most);
-  std::unique_ptr<Connection> take_connection();
-  void give_back(std::unique_ptr<Connection> connection);
+  std::unique_ptr<CurlHandle> take_connection();
+  void give_back(std::unique_ptr<CurlHandle> connection);
 
   SignUrl sign_;
   ObjectClientSettings settings_;
   std::mutex mutex_;
-  std::vector<std::unique_ptr<Connection>> idle_;
+  std::vector<std::unique_ptr<CurlHandle>> idle_;
   std::atomic<std::uint64_t> requests_ = 0, bytes_ = 0;
 };
 

@@ -1,6 +1,5 @@
 #include "upload/transport.hpp"
 
-#include <curl/curl.h>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -9,17 +8,9 @@
 
 #include "base/error.hpp"
 #include "base/printable.hpp"
+#include "http/curl.hpp"
 
 namespace nadir {
-
-struct CurlHandle {
-  CURL* easy = curl_easy_init();
-
-  CurlHandle() = default;
-  CurlHandle(const CurlHandle&) = delete;
-  CurlHandle& operator=(const CurlHandle&) = delete;
-  ~CurlHandle() { curl_easy_cleanup(easy); }
-};
 
 namespace {
 
@@ -95,15 +86,7 @@ std::size_t take_header(char* data, std::size_t size, std::size_t count, void* u
     return 0;
   }
   if (line.starts_with("HTTP/")) exchange.reply.headers.clear();  // after 100 Continue comes the answer itself
-  const std::size_t colon = line.find(':');
-  if (colon == std::string_view::npos) return size * count;
-  std::string name(line.substr(0, colon));
-  std::transform(name.begin(), name.end(), name.begin(),
-                 [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
-  line.remove_prefix(colon + 1);
-  while (!line.empty() && (line.front() == ' ' || line.front() == '\t')) line.remove_prefix(1);
-  while (!line.empty() && (line.back() == '\r' || line.back() == '\n' || line.back() == ' ')) line.remove_suffix(1);
-  exchange.reply.headers[name] = line;
+  add_header_line(line, exchange.reply.headers);
   return size * count;
 }
 
@@ -117,16 +100,6 @@ int look_around(void* user, curl_off_t, curl_off_t received, curl_off_t, curl_of
   } catch (...) {
     exchange.stopped = std::current_exception();
     return 1;
-  }
-}
-
-template <typename Value>
-void set(CURL* easy, CURLoption option, Value value) {
-  if (const CURLcode code = curl_easy_setopt(easy, option, value); code != CURLE_OK) {
-    throw Error({.what = "libcurl rejects a setting",
-                 .where = fmt::format("option {}", static_cast<int>(option)),
-                 .found = curl_easy_strerror(code),
-                 .fix = "install libcurl 7.88 or later, with TLS"});
   }
 }
 
@@ -165,10 +138,7 @@ std::string checked_service_address(std::string_view text) {
 }
 
 CurlTransport::CurlTransport(CurlSettings settings, std::function<void()> check)
-    : settings_(std::move(settings)), check_(std::move(check)), handle_(std::make_unique<CurlHandle>()) {
-  if (handle_->easy == nullptr)
-    throw Error({.what = "libcurl cannot be initialized", .fix = "check the memory that is left"});
-}
+    : settings_(std::move(settings)), check_(std::move(check)), handle_(std::make_unique<CurlHandle>()) {}
 
 CurlTransport::~CurlTransport() = default;
 
@@ -181,46 +151,46 @@ HttpResult CurlTransport::exchange(const HttpRequest& request) {
   exchange.check = &check_;
   TransferRate rate(request.body.size(), settings_.slowest_bytes_s, std::chrono::seconds(settings_.stall_timeout_s));
   exchange.rate = &rate;
-  set(easy, CURLOPT_URL, (settings_.address + request.path).c_str());
-  set(easy, CURLOPT_PROTOCOLS_STR, "http,https");
+  set_option(easy, CURLOPT_URL, (settings_.address + request.path).c_str());
+  set_option(easy, CURLOPT_PROTOCOLS_STR, "http,https");
   // Only to this machine itself: a proxy of the environment would get the token over a wire in the clear.
-  if (!secure(settings_.address)) set(easy, CURLOPT_PROXY, "");
-  set(easy, CURLOPT_FOLLOWLOCATION, 0L);
-  set(easy, CURLOPT_HTTP_VERSION, static_cast<long>(CURL_HTTP_VERSION_1_1));
-  set(easy, CURLOPT_SSLVERSION, static_cast<long>(CURL_SSLVERSION_TLSv1_2));
-  set(easy, CURLOPT_SSL_VERIFYPEER, 1L);
-  set(easy, CURLOPT_SSL_VERIFYHOST, 2L);
-  if (settings_.authorities) set(easy, CURLOPT_CAINFO, settings_.authorities->c_str());
-  set(easy, CURLOPT_NOSIGNAL, 1L);
-  set(easy, CURLOPT_CONNECTTIMEOUT, static_cast<long>(settings_.connect_timeout_s));
-  set(easy, CURLOPT_LOW_SPEED_LIMIT, 1L);
-  set(easy, CURLOPT_LOW_SPEED_TIME, static_cast<long>(settings_.stall_timeout_s));
-  set(easy, CURLOPT_TIMEOUT, static_cast<long>(settings_.request_timeout_s));
-  set(easy, CURLOPT_USERAGENT, "nadir-sync/1");
-  set(easy, CURLOPT_NOPROGRESS, 0L);
-  set(easy, CURLOPT_XFERINFOFUNCTION, &look_around);
-  set(easy, CURLOPT_XFERINFODATA, &exchange);
-  set(easy, CURLOPT_HEADERFUNCTION, &take_header);
-  set(easy, CURLOPT_HEADERDATA, &exchange);
-  set(easy, CURLOPT_WRITEFUNCTION, &take_body);
-  set(easy, CURLOPT_WRITEDATA, &exchange);
+  if (!secure(settings_.address)) set_option(easy, CURLOPT_PROXY, "");
+  set_option(easy, CURLOPT_FOLLOWLOCATION, 0L);
+  set_option(easy, CURLOPT_HTTP_VERSION, static_cast<long>(CURL_HTTP_VERSION_1_1));
+  set_option(easy, CURLOPT_SSLVERSION, static_cast<long>(CURL_SSLVERSION_TLSv1_2));
+  set_option(easy, CURLOPT_SSL_VERIFYPEER, 1L);
+  set_option(easy, CURLOPT_SSL_VERIFYHOST, 2L);
+  if (settings_.authorities) set_option(easy, CURLOPT_CAINFO, settings_.authorities->c_str());
+  set_option(easy, CURLOPT_NOSIGNAL, 1L);
+  set_option(easy, CURLOPT_CONNECTTIMEOUT, static_cast<long>(settings_.connect_timeout_s));
+  set_option(easy, CURLOPT_LOW_SPEED_LIMIT, 1L);
+  set_option(easy, CURLOPT_LOW_SPEED_TIME, static_cast<long>(settings_.stall_timeout_s));
+  set_option(easy, CURLOPT_TIMEOUT, static_cast<long>(settings_.request_timeout_s));
+  set_option(easy, CURLOPT_USERAGENT, "nadir-sync/1");
+  set_option(easy, CURLOPT_NOPROGRESS, 0L);
+  set_option(easy, CURLOPT_XFERINFOFUNCTION, &look_around);
+  set_option(easy, CURLOPT_XFERINFODATA, &exchange);
+  set_option(easy, CURLOPT_HEADERFUNCTION, &take_header);
+  set_option(easy, CURLOPT_HEADERDATA, &exchange);
+  set_option(easy, CURLOPT_WRITEFUNCTION, &take_body);
+  set_option(easy, CURLOPT_WRITEDATA, &exchange);
 
   if (request.method == "HEAD") {
-    set(easy, CURLOPT_NOBODY, 1L);
+    set_option(easy, CURLOPT_NOBODY, 1L);
   } else if (request.method != "GET") {
     // Without a way to rewind: when a line breaks, libcurl must not send the body again by itself. What follows is the
     // uploader's to decide.
-    set(easy, CURLOPT_UPLOAD, 1L);
-    set(easy, CURLOPT_INFILESIZE_LARGE, static_cast<curl_off_t>(request.body.size()));
-    set(easy, CURLOPT_READFUNCTION, &send_body);
-    set(easy, CURLOPT_READDATA, &exchange);
-    set(easy, CURLOPT_CUSTOMREQUEST, request.method.c_str());
+    set_option(easy, CURLOPT_UPLOAD, 1L);
+    set_option(easy, CURLOPT_INFILESIZE_LARGE, static_cast<curl_off_t>(request.body.size()));
+    set_option(easy, CURLOPT_READFUNCTION, &send_body);
+    set_option(easy, CURLOPT_READDATA, &exchange);
+    set_option(easy, CURLOPT_CUSTOMREQUEST, request.method.c_str());
   }
   curl_slist* lines = curl_slist_append(nullptr, "Expect:");  // no round trip before a body
   lines = curl_slist_append(lines, ("Authorization: Bearer " + settings_.token).c_str());
   for (const auto& [name, value] : request.headers) lines = curl_slist_append(lines, (name + ": " + value).c_str());
   const std::unique_ptr<curl_slist, FreeList> owned(lines);
-  set(easy, CURLOPT_HTTPHEADER, lines);
+  set_option(easy, CURLOPT_HTTPHEADER, lines);
 
   const CURLcode code = curl_easy_perform(easy);
   if (exchange.stopped) std::rethrow_exception(exchange.stopped);

@@ -44,7 +44,7 @@ ALLOWED = {
     "desk": "base geodesy imagery package vision estimation adjustment flight_import flights flight_adjustment replay http cli report map_page raster planning",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
-    "object_storage": "base",
+    "object_storage": "base http",
     "raster": "base geodesy imagery package object_storage",
     "mission_formats": "base geodesy package raster",
     "navigability": "base geodesy imagery package vision estimation raster",
@@ -52,7 +52,7 @@ ALLOWED = {
     "planning": "base geodesy imagery trust token_keys package vision raster package_build mission_formats",
     "datasets": "base geodesy imagery vision estimation replay cli raster planning",
     "catalogue": "base geodesy package raster",
-    "upload": "base imagery trust ortho",
+    "upload": "base http imagery trust ortho",
     "candidates": "base geodesy imagery trust package ortho raster catalogue upload",
     "simulation": "base geodesy imagery package vision raster",
     # the aircraft
@@ -71,7 +71,7 @@ ALLOWED = {
 HEAVY_IN_HEADERS = re.compile(r"^(ceres/|p11-kit/|exiv2/|gdal|ogr|cpl_|faiss/|CLI/|boost/beast|nlohmann/json\.hpp$|proj\.h$)")
 ONLY_IN = [
     (re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"raster", "mission_formats", "package_build", "catalogue", "candidates", "datasets", "simulation", "commands"}),
-    (re.compile(r"^curl/"), {"upload", "object_storage"}),
+    (re.compile(r"^curl/"), {"http", "upload", "object_storage"}),
     (re.compile(r"^p11-kit/"), {"token_keys"}),
     (re.compile(r"^CLI/"), {"cli"}),
     (re.compile(r"^faiss/"), {"vision"}),
