@@ -161,8 +161,9 @@ std::optional<Boresight> solve_boresight(const std::vector<BoresightMeasurement>
   if (measurements.size() < 3) return std::nullopt;
   const Solver solver(measurements, settings);
   const auto& gyro = settings.gyro_delay;
-  std::optional<Solution> solved =
-      gyro ? solver.solve(gyro->delay_s, std::max(gyro->sigma_s, kGyroDelayFloor_s)) : solver.solve(0, kDelayPrior_s);
+  std::optional<Solution> solved = gyro && gyro->sigma_s < kDelayPrior_s
+                                       ? solver.solve(gyro->delay_s, std::max(gyro->sigma_s, kGyroDelayFloor_s))
+                                       : solver.solve(0, kDelayPrior_s);
   if (!solved) return std::nullopt;
   Boresight result;
   result.delay_sigma_s = std::sqrt(solved->covariance(delay, delay));

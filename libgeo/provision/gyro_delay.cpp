@@ -11,7 +11,6 @@
 
 #include "estimation/odometry_features.hpp"
 #include "estimation/visual_odometry.hpp"
-#include "geodesy/angles.hpp"
 #include "vision/camera_frame.hpp"
 
 namespace nadir {
@@ -26,6 +25,7 @@ constexpr double kLeastSigma_rad = 0.0005;  // of an image's turn; a tenth of a 
 constexpr double kScaleError = 0.005;       // of a MEMS gyroscope
 constexpr double kOutlierSigmas = 4;        // from where on a pair counts less (Huber); three axes
 constexpr std::size_t kLeastTurns = 10;
+constexpr double kTurning_rad = 0.05;    // far above the noise of any pair
 constexpr double kStraightShare = 0.25;  // of the pairs: evenly chosen, they tell the biases
 
 enum TurnUnknown { turn_delay, turn_bias, turn_mount = turn_bias + 3, kTurnUnknowns = turn_mount + 3 };
@@ -40,10 +40,9 @@ Eigen::Matrix3d camera_from_samples(const Eigen::Vector3d& mount_rad) {
 
 std::optional<Eigen::Matrix3d> turn_of_samples(const ImageTurn& turn, std::span<const InertialSample> samples,
                                                const TurnUnknowns& x) {
-  const auto before = [](const InertialSample& sample, double time_s) { return sample.time_s < time_s; };
   const double from_s = turn.from_s - x[turn_delay], to_s = turn.to_s - x[turn_delay];
-  const auto first = std::lower_bound(samples.begin(), samples.end(), from_s, before);
-  auto last = std::lower_bound(first, samples.end(), to_s, before);
+  const auto first = std::ranges::lower_bound(samples, from_s, {}, &InertialSample::time_s);
+  auto last = std::ranges::lower_bound(first, samples.end(), to_s, {}, &InertialSample::time_s);
   if (last != samples.end()) ++last;  // the sample within which it ends
   const auto motion =
       preintegrate(std::span(first, last), from_s, to_s, {x.segment<3>(turn_bias), Eigen::Vector3d::Zero()});
@@ -122,8 +121,7 @@ Eigen::Matrix3d turn_covariance(const ImageTurn& turn, const Eigen::Matrix<doubl
 std::vector<std::size_t> chosen_pairs(const std::vector<Telemetry>& frames, std::span<const InertialSample> samples,
                                       std::size_t most) {
   const auto rate_at = [&](double time_s) {
-    const auto at = std::lower_bound(samples.begin(), samples.end(), time_s,
-                                     [](const InertialSample& sample, double time) { return sample.time_s < time; });
+    const auto at = std::ranges::lower_bound(samples, time_s, {}, &InertialSample::time_s);
     return at == samples.end() ? 0.0 : at->rate_rad_s.z();
   };
   const auto known = [](const Telemetry& frame) {
@@ -159,10 +157,9 @@ std::vector<InertialSample> inertial_samples(const Flight& flight) {
   return usable_samples(samples, -std::numeric_limits<double>::infinity());
 }
 
-std::vector<ImageTurn> measure_image_turns(const Flight& flight, const CameraFile& camera,
-                                           const Attitude& assumed_mount, const Attitude& mount, std::size_t most_pairs,
-                                           Progress& progress) {
-  const std::vector<InertialSample> samples = inertial_samples(flight);
+std::vector<ImageTurn> measure_image_turns(const Flight& flight, const std::vector<InertialSample>& samples,
+                                           const CameraFile& camera, const Attitude& assumed_mount,
+                                           const Attitude& mount, std::size_t most_pairs, Progress& progress) {
   const std::vector<std::size_t> pairs = chosen_pairs(flight.frames, samples, most_pairs);
   const int shrink = decode_reduction(camera.camera.width, camera.camera.height);
   const CameraModel decoded = camera.camera.scaled(1.0 / shrink);
@@ -240,12 +237,17 @@ std::optional<GyroDelay> solve_gyro_delay(const std::vector<ImageTurn>& all_turn
 
   GyroDelay result{x[turn_delay], 0, x.segment<3>(turn_bias), x.segment<3>(turn_mount)};
   std::vector<double> squares;
+  int turning = 0;  // pairs that fit, less those that do not: straight ones fit whatever the samples' axes are
   for (const ImageTurn& turn : turns) {
     Eigen::Vector3d error = Eigen::Vector3d::Zero();
     TurnResidual(turn, samples)(x.data(), error.data());
     squares.push_back(error.squaredNorm());
-    ++(error.norm() < kOutlierSigmas ? result.used : result.outliers);
+    const bool fits = error.norm() < kOutlierSigmas;
+    ++(fits ? result.used : result.outliers);
+    if (rotation_vector_of(turn_of_image(turn)).norm() > kTurning_rad) turning += fits ? 1 : -1;
   }
+  // A delay beyond what is looked for, samples in other axes: nothing fits, however well the rest is known.
+  if (std::abs(result.delay_s) > kLongestDelay_s - kGridStep_s || turning < 0) return std::nullopt;
   ceres::Covariance::Options covariance_options;
   covariance_options.num_threads = 1;
   ceres::Covariance covariance(covariance_options);

@@ -46,11 +46,12 @@ std::vector<InertialSample> inertial_samples(const Flight& flight);
 
 // From the flight's images: pairs of neighbours whose rates of turn differ most, and some others for the bias.
 // assumed_mount: of the camera whose attitudes the telemetry has; zeros: the aircraft's own.
-std::vector<ImageTurn> measure_image_turns(const Flight& flight, const CameraFile& camera,
-                                           const Attitude& assumed_mount, const Attitude& mount, std::size_t most_pairs,
-                                           Progress& progress);
+std::vector<ImageTurn> measure_image_turns(const Flight& flight, const std::vector<InertialSample>& samples,
+                                           const CameraFile& camera, const Attitude& assumed_mount,
+                                           const Attitude& mount, std::size_t most_pairs, Progress& progress);
 
-// Nothing for fewer than kLeastTurns pairs, and where samples are missing around most of them.
+// Nothing for fewer than ten pairs with samples around them, for a delay of half a second or more, and where most pairs
+// that turn contradict the samples.
 std::optional<GyroDelay> solve_gyro_delay(const std::vector<ImageTurn>& turns,
                                           const std::vector<InertialSample>& samples);
 

@@ -121,6 +121,15 @@ TEST(GyroDelay, AStraightFlightDoesNotTellIt) {
   EXPECT_TRUE(!found || found->sigma_s > 0.05) << found->sigma_s;
 }
 
+TEST(GyroDelay, ADelayBeyondTheRangeAndOtherAxesAreNoResult) {
+  Sensors late{.delay_s = 0.7};
+  EXPECT_FALSE(solve_gyro_delay(turns_of(late), samples_of(late)));
+  const Sensors sensors;
+  std::vector<InertialSample> turned = samples_of(sensors);
+  for (InertialSample& sample : turned) sample.rate_rad_s = -sample.rate_rad_s;  // as if mounted upside down
+  EXPECT_FALSE(solve_gyro_delay(turns_of(sensors), turned));
+}
+
 TEST(GyroDelay, IsNotGuessedFromTooLittle) {
   const Sensors sensors;
   const std::vector<ImageTurn> turns = turns_of(sensors);

@@ -175,9 +175,9 @@ std::optional<GyroDelay> ProvisionBoresightCommand::delay_by_gyroscopes(const Bo
                                                                         const Airframe& airframe,
                                                                         Progress& progress) const {
   const std::vector<InertialSample> samples = inertial_samples(from.flight);
-  if (samples.empty()) return std::nullopt;
-  const std::vector<ImageTurn> turns =
-      measure_image_turns(from.flight, airframe.camera, from.assumed_mount, airframe.mount, from.most_frames, progress);
+  if (samples.empty() || airframe.camera.on_gimbal) return std::nullopt;  // a gimbal turns without the sensor
+  const std::vector<ImageTurn> turns = measure_image_turns(from.flight, samples, airframe.camera, from.assumed_mount,
+                                                           airframe.mount, from.most_frames, progress);
   return solve_gyro_delay(turns, samples);
 }
 
