@@ -209,7 +209,7 @@ class TileEvaluation::ClaimGuard {
   bool held_ = true;
 };
 
-// Evaluates what was claimed and writes it. unvoted: is told of each address whose vote could not be held.
+// Evaluates what was claimed and writes it. unvoted: called with each address whose vote could not be held.
 template <typename Unvoted>
 TileEvaluation::Piece TileEvaluation::work_on(CatalogueThread& catalogue, const AddressWork::Claim& claim,
                                               const Unvoted& unvoted) {

@@ -23,14 +23,10 @@ TEST(PictureAtOneMoment, UndoesTheTurnByTheTelemetrysRates) {
     return Attitude{radians(40 + 20 * seconds), radians(3 - 25 * seconds), radians(-5 + 40 * seconds)};
   };
   const auto pose_at = [&](double seconds) { return CameraPose{{10, 20}, 100, attitude_at(seconds)}; };
-  cv::Mat read(camera.camera.height, camera.camera.width, CV_8UC1);
-  for (int y = 0; y < read.rows; ++y) {
-    const CameraPose then = pose_at(((y + 0.5) / read.rows - 0.5) * camera.readout->duration_s);
-    for (int x = 0; x < read.cols; ++x) {
-      read.at<std::uint8_t>(y, x) =
-          cv::saturate_cast<std::uint8_t>(test::waves(test::seen_by_pixel(camera.camera, then, x, y)));
-    }
-  }
+  const auto pose_at_row = [&](int y) {
+    return pose_at(test::row_seconds(camera.camera, camera.readout->duration_s, y));
+  };
+  const cv::Mat read = test::photograph_moving(test::waves, camera.camera, [&](int, int y) { return pose_at_row(y); });
   Telemetry telemetry;
   telemetry.frame = "frame.png";
   telemetry.agl_m = 100;
@@ -52,9 +48,7 @@ TEST(PictureAtOneMoment, UndoesTheTurnByTheTelemetrysRates) {
   EXPECT_LT(off(picture_at_one_moment(*store, 0, camera, 1)), 0.35);
   // What a person clicked in the picture lies where the image has it.
   const Eigen::Vector2d clicked(60, 20), moved = pixel_at_one_moment(*store, 0, camera, clicked);
-  const PlanePoint seen =
-      test::seen_by_pixel(camera.camera, pose_at(((clicked.y() + 0.5) / read.rows - 0.5) * camera.readout->duration_s),
-                          clicked.x(), clicked.y());
+  const PlanePoint seen = test::seen_by_pixel(camera.camera, pose_at_row(20), clicked.x(), clicked.y());
   EXPECT_LT(distance_m(test::seen_by_pixel(camera.camera, pose_at(0), moved.x(), moved.y()), seen), 0.05);
 
   camera.readout.reset();

@@ -101,14 +101,9 @@ TEST_F(Making, TilesOfARollingShutterAreThoseOfAGlobalOne) {
     pose.attitude.roll_rad += radians(60) * seconds;
     return pose;
   };
-  cv::Mat grey(camera_.height, camera_.width, CV_8UC1), colour;
-  for (int y = 0; y < grey.rows; ++y) {
-    const CameraPose then = at(((y + 0.5) / grey.rows - 0.5) * kReadout_s);
-    for (int x = 0; x < grey.cols; ++x) {
-      grey.at<std::uint8_t>(y, x) =
-          cv::saturate_cast<std::uint8_t>(test::waves(test::seen_by_pixel(camera_, then, x, y)));
-    }
-  }
+  const cv::Mat grey = test::photograph_moving(
+      test::waves, camera_, [&](int, int y) { return at(test::row_seconds(camera_, kReadout_s, y)); });
+  cv::Mat colour;
   cv::cvtColor(grey, colour, cv::COLOR_GRAY2BGR);
   const Bytes as_read = encode_image(colour, ImageFormat::jpeg, 95), global = photograph(seen());
   PosedFrame passing = seen();

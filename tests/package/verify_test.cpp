@@ -313,7 +313,7 @@ TEST_F(Verify, TilesCountForATileWithoutSidecar) {
   expect("tiles.count", maker_.verify(package));
 }
 
-// What a signer is told about tiles; who verifies a package trusts the signer with it.
+// What a signer checks of tiles; who verifies a package trusts the signer with it.
 TEST_F(Verify, TileUndecodable) {
   maker_.edit_tile = [](Sidecar&, Bytes& tile) {
     tile.assign(100, 7);

@@ -32,15 +32,8 @@ struct Passing {
   }
   // Line after line, each from where the camera is then.
   cv::Mat photograph(const CameraModel& camera, const SensorReadout& readout) const {
-    cv::Mat image(camera.height, camera.width, CV_8UC1);
-    for (int y = 0; y < camera.height; ++y) {
-      for (int x = 0; x < camera.width; ++x) {
-        const double seconds = oracle_seconds(camera, readout, x, y);
-        image.at<std::uint8_t>(y, x) =
-            cv::saturate_cast<std::uint8_t>(test::waves(test::seen_by_pixel(camera, at(seconds), x, y)));
-      }
-    }
-    return image;
+    return test::photograph_moving(test::waves, camera,
+                                   [&](int x, int y) { return at(oracle_seconds(camera, readout, x, y)); });
   }
   static double oracle_seconds(const CameraModel& camera, const SensorReadout& readout, int x, int y) {
     const bool rows = readout.direction == Direction::down || readout.direction == Direction::up;

@@ -141,6 +141,22 @@ PlanePoint seen_by_pixel(const CameraModel& camera, const CameraPose& pose, doub
   return hit(camera, pose, ned_from_camera(pose.attitude), x, y);
 }
 
+cv::Mat photograph_moving(const Ground& ground, const CameraModel& camera,
+                          const std::function<CameraPose(int x, int y)>& pose_at_pixel) {
+  cv::Mat image(camera.height, camera.width, CV_8UC1);
+  for (int y = 0; y < image.rows; ++y) {
+    for (int x = 0; x < image.cols; ++x) {
+      image.at<std::uint8_t>(y, x) =
+          cv::saturate_cast<std::uint8_t>(ground(seen_by_pixel(camera, pose_at_pixel(x, y), x, y)));
+    }
+  }
+  return image;
+}
+
+double row_seconds(const CameraModel& camera, double readout_s, int y) {
+  return ((y + 0.5) / camera.height - 0.5) * readout_s;
+}
+
 cv::Mat photograph(const Ground& ground, const CameraModel& camera, const CameraPose& pose, int samples) {
   const Eigen::Matrix3d rotation = ned_from_camera(pose.attitude);
   cv::Mat picture(camera.height, camera.width, CV_8UC1);

@@ -43,6 +43,12 @@ PlanePoint seen_by_pixel(const CameraModel& camera, const CameraPose& pose, doub
 // CV_8UC1 of the camera's size; `samples` by `samples` rays a pixel.
 cv::Mat photograph(const Ground& ground, const CameraModel& camera, const CameraPose& pose, int samples = 1);
 
+// The same of a camera that moves: each pixel from where the camera is when it is read.
+cv::Mat photograph_moving(const Ground& ground, const CameraModel& camera,
+                          const std::function<CameraPose(int x, int y)>& pose_at_pixel);
+// Seconds after the middle row of a rolling shutter that reads row after row, from the top.
+double row_seconds(const CameraModel& camera, double readout_s, int y);
+
 // A camera of 320 x 240 pixels that sees 80 degrees across.
 CameraModel small_camera();
 CameraModel bent_camera();  // the same with a distorted lens

@@ -31,6 +31,13 @@ bool nothing_left(const CatalogueLocation& location) {
   return counts.judging == 0 && counts.to_vote == 0;
 }
 
+UsageError no_service(const std::filesystem::path& data) {
+  return UsageError({.what = "no service was started with this folder",
+                     .where = data,
+                     .expected = "the folder that serve was given, on this machine or mounted from its own",
+                     .fix = "start the service first: its rules are the workers'"});
+}
+
 // Judges tiles and lets flights vote beside a service, by its rules.
 class WorkCommand final : public Command {
  public:
@@ -77,12 +84,7 @@ void WorkCommand::setup(Options& options) {
 // Those of its last start, which it was given the same packages for.
 ServiceStart WorkCommand::rules_of_service(const BaseMaps& maps) const {
   const auto start = read_service_start(*place_.data);
-  if (!start) {
-    throw UsageError({.what = "no service was started with this folder",
-                      .where = *place_.data,
-                      .expected = "the folder that serve was given, on this machine or mounted from its own",
-                      .fix = "start the service first: its rules are the workers'"});
-  }
+  if (!start) throw no_service(*place_.data);
   if (start->packages != maps.packages() || start->base_packages != std::ssize(start->packages)) {
     throw UsageError({.what = "the base packages are not the service's",
                       .where = *place_.data / "started.json",
@@ -97,12 +99,7 @@ int WorkCommand::run(Context& context) {
   const CatalogueLocation catalogue = place_.location();
   require_server(catalogue, "nadir-candidates work");
   const std::filesystem::path data = *place_.data;
-  if (!std::filesystem::exists(data / kTrustMemoryFile)) {
-    throw UsageError({.what = "no service was started with this folder",
-                      .where = data,
-                      .expected = "the folder that serve was given, on this machine or mounted from its own",
-                      .fix = "start the service first: its rules are the workers'"});
-  }
+  if (!std::filesystem::exists(data / kTrustMemoryFile)) throw no_service(data);
   const auto root = std::make_shared<const TrustRoot>(read_trusted_root(data / kTrustMemoryFile));
   const BaseMaps maps(packages_, *root, context.clock.now());
   const ServiceStart start = rules_of_service(maps);
