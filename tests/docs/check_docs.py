@@ -5,12 +5,13 @@ usage: check_docs.py links|commands|examples|tests|attacks PROJECT_ROOT FOLDER_O
 
 links     every relative link leads to a file
 commands  every command has a page, and the page names every option that --help lists
-examples  code blocks that begin with ```sh test run with exit code 0, those of one page one after the other
+examples  code blocks that begin with ```sh test run with exit code 0, those of one page one after the other, two pages at a time
 tests     every test that docs/trust.md and docs/sync.md name is there, and so is every code that an attack gets
 attacks   docs/attacks.md names exactly the attacks of ./run bench attacks, and tests that are there; every finding of the
           review has an attack
 """
 import ast
+import concurrent.futures
 import os
 import pathlib
 import re
@@ -69,21 +70,25 @@ def check_commands(root, programs):
                     yield f"docs/commands/{name}.md does not mention {option}"
 
 
+def check_example(page, blocks, root, programs):
+    """What is wrong with the examples of one page, run one after the other in a folder of their own."""
+    with tempfile.TemporaryDirectory(prefix="nadir-docs.") as folder:
+        result = subprocess.run(["bash", "-euo", "pipefail", "-c", "".join(blocks)], cwd=folder, text=True,
+                                stdin=subprocess.DEVNULL, capture_output=True, check=False,
+                                env={**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"})
+    if result.returncode != 0:
+        return f"{page.relative_to(root)}: the example ends with {result.returncode}\n{result.stdout}{result.stderr}"
+    return None
+
+
 def check_examples(root, programs):
-    found = 0
-    for page in pages(root):
-        blocks = re.findall(r"^```sh test\n(.*?)^```", page.read_text(), re.M | re.S)
-        if not blocks:
-            continue
-        found += len(blocks)
-        with tempfile.TemporaryDirectory(prefix="nadir-docs.") as folder:
-            result = subprocess.run(["bash", "-euo", "pipefail", "-c", "".join(blocks)], cwd=folder, text=True,
-                                    stdin=subprocess.DEVNULL, capture_output=True,
-                                    env={**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"})
-            if result.returncode != 0:
-                yield f"{page.relative_to(root)}: the example ends with {result.returncode}\n{result.stdout}{result.stderr}"
-    if found == 0:
+    examples = {page: re.findall(r"^```sh test\n(.*?)^```", page.read_text(), re.M | re.S) for page in pages(root)}
+    examples = {page: blocks for page, blocks in examples.items() if blocks}
+    if not examples:
         yield "no example is marked ```sh test"
+    with concurrent.futures.ThreadPoolExecutor(max_workers=2) as pool:  # as PROCESSORS tells ctest
+        longest_first = sorted(examples, key=lambda page: -len("".join(examples[page])))
+        yield from filter(None, pool.map(lambda page: check_example(page, examples[page], root, programs), longest_first))
 
 
 def check_tests(root, _):
