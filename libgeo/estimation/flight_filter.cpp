@@ -1,108 +1,24 @@
 #include "estimation/flight_filter.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
+#include "estimation/matrix_products.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/hypotenuse.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir {
-
-// x_k = f(x_{k-1}), its Jacobian and the process noise: mean, F and Q of the header.
-struct FlightPrediction {
-  FlightFilter::State now;
-  FlightFilter::Covariance transition = FlightFilter::Covariance::Identity();
-  FlightFilter::Covariance noise = FlightFilter::Covariance::Zero();
-};
-
 namespace {
 
 namespace model = parameters::telemetry;
 using namespace parameters::flight_filter;
-using F = FlightFilter;
-
-// Products of views of any size, compiled once: Eigen's own of fixed sizes are instantiated for each pair of types,
-// which takes a compiler most of a minute. The order of the operations is the same.
-using View = Eigen::Ref<const Eigen::MatrixXd>;
-Eigen::MatrixXd product(const View& a, const View& b) {
-  Eigen::MatrixXd result(a.rows(), b.cols());
-  result.noalias() = a * b;
-  return result;
-}
-// a bᵀ, as (b aᵀ)ᵀ: the order in which Eigen adds up a product with a transposed matrix inside a sum.
-Eigen::MatrixXd product_transposed(const View& a, const View& b) { return product(b, a.transpose()).transpose(); }
-// A P Aᵀ
-Eigen::MatrixXd congruence(const View& a, const View& p) { return product_transposed(product(a, p), a); }
 
 // An aircraft cannot become arbitrarily fast, however long nothing was observed.
 double max_velocity_variance(const FlightFilter::Options& options) {
   return kMaxVelocityVarianceRatio * options.start_velocity_sigma_mps * options.start_velocity_sigma_mps;
-}
-
-// One step of a first-order Gauss-Markov process: the factor on the old value, and the variance of the innovation.
-struct GaussMarkov {
-  double keep, variance;
-};
-GaussMarkov gauss_markov(double stationary_variance, double keep) {
-  return {keep, stationary_variance * (1 - keep * keep)};
-}
-
-double turn_between(const FlightPrediction& prediction, const F::State& before, bool turn_known) {
-  return turn_known ? wrap_pi(prediction.now[F::heading] - before[F::heading]) : 0.0;
-}
-
-Eigen::Matrix2d clockwise(double angle) {
-  Eigen::Matrix2d turned;
-  turned << std::cos(angle), std::sin(angle), -std::sin(angle), std::cos(angle);
-  return turned;
-}
-
-// White acceleration of this spread per root second over the interval.
-void add_white_acceleration(F::Covariance& noise, double sigma_mps, double dt) {
-  const double q = sigma_mps * sigma_mps;
-  for (int axis = 0; axis < 2; ++axis) {
-    const int p = F::east + axis, v = F::velocity_east + axis;
-    noise(p, p) += q * dt * dt * dt / 3;
-    noise(p, v) += q * dt * dt / 2;
-    noise(v, p) += q * dt * dt / 2;
-    noise(v, v) += q * dt;
-  }
-}
-
-// Errors of the accelerometer's change of velocity.
-struct InertialNoise {
-  double white_mps = 0;  // per root second
-  // A constant error of attitude tilts gravity into the plane: an acceleration that stays, for blind_s already since
-  // the velocity was last measured.
-  double leak_mps2 = 0;
-  double blind_s = 0;
-};
-
-// A constant acceleration has no state here. White noise that grows with time never underestimates it: after t seconds
-// the position's σ is at least t²/2 times the acceleration, the velocity's 1.2 times its integral.
-double white_sigma_mps(const InertialNoise& imu, double dt) {
-  const double growing = 3 * imu.leak_mps2 * imu.leak_mps2 * (imu.blind_s + dt / 2);
-  return std::sqrt(imu.white_mps * imu.white_mps + growing);
-}
-
-// The wind is the same all the time: over a turn of many frames its part of the velocity adds up, it does not average
-// out.
-double turn_spread_rad2(double turned, double turn) {
-  const double before = std::min(std::abs(turned), kPi), now = std::min(std::abs(turned + turn), kPi);
-  return std::max(turn * turn, now * now - before * before);
-}
-
-// Mean square of the speed over ground on whatever course: a wind of this spread adds to one course what it takes from
-// the other. A velocity that is unknown is no faster than at the start.
-double mean_square_speed_m2ps2(const F::State& mean, const F::Covariance& covariance, const F::Options& options) {
-  const double start = options.start_velocity_sigma_mps * options.start_velocity_sigma_mps;
-  return mean.segment<2>(F::velocity_east).squaredNorm() +
-         std::min(covariance.block<2, 2>(F::velocity_east, F::velocity_east).trace(), 2 * start) +
-         4 * options.wind_sigma_mps * options.wind_sigma_mps;
 }
 
 // Of the inertial sensor's errors, before anything is learned of them; of the attitude none.
@@ -115,113 +31,14 @@ Eigen::Matrix<double, StrapdownStep::kErrors, 1> unknown_calibration_variance() 
   return variance;
 }
 
-// After propagate_by_velocity(), whose p' = p + dt (v + v') / 2 becomes the header's p' = p + c (v + v') + w_gap.
-void forget_course(FlightPrediction& prediction, const F::State& before, double dt, bool turn_known,
-                   double mean_square_speed) {
-  auto& [now, transition, noise] = prediction;
-  const double free_s = dt - kCourseHeld_s;
-  if (free_s <= 0) return;
-  const double half_circle_s = kPi * std::sqrt(mean_square_speed) / (kGravity_mps2 * std::tan(kMaxBank_rad));
-  const double tau_s = std::max(half_circle_s, free_s / kLeastKnownBridge);
-  const double known_s = tau_s * std::tanh(free_s / (2 * tau_s));
-  const double lost_s = 0.5 * free_s - known_s, c = 0.5 * dt - lost_s;
-  // Adds to the position what the velocity at the end makes in so many seconds.
-  const auto move_s = [&x = prediction.now, &f = prediction.transition, &q = prediction.noise](double seconds) {
-    x.segment<2>(F::east) += seconds * x.segment<2>(F::velocity_east);
-    f.middleRows<2>(F::east) += seconds * f.middleRows<2>(F::velocity_east);
-    q.middleRows<2>(F::east) += seconds * q.middleRows<2>(F::velocity_east);
-    q.middleCols<2>(F::east) += seconds * q.middleCols<2>(F::velocity_east);
-  };
-
-  const Eigen::Vector2d both_mps = (before + now).segment<2>(F::velocity_east);
-  now.segment<2>(F::east) -= lost_s * before.segment<2>(F::velocity_east);
-  transition.block<2, 2>(F::east, F::velocity_east) -= lost_s * Eigen::Matrix2d::Identity();
-  move_s(-lost_s);
-  noise.topLeftCorner<2, 2>() += mean_square_speed * tau_s * (free_s - 2 * known_s) * Eigen::Matrix2d::Identity() +
-                                 lost_s * lost_s / 3 * both_mps * both_mps.transpose();
-  if (turn_known) return;
-
-  // Nobody measured the course at both ends either: the velocity at this one is forgotten, and moves the position anew.
-  const GaussMarkov velocity = gauss_markov(0.5 * mean_square_speed, std::exp(-free_s / tau_s));
-  move_s(-c);
-  now.segment<2>(F::velocity_east) *= velocity.keep;
-  transition.middleRows<2>(F::velocity_east) *= velocity.keep;
-  noise.middleRows<2>(F::velocity_east) *= velocity.keep;
-  noise.middleCols<2>(F::velocity_east) *= velocity.keep;
-  noise.block<2, 2>(F::velocity_east, F::velocity_east) += velocity.variance * Eigen::Matrix2d::Identity();
-  move_s(c);
-}
-
-// The velocity turns with the aircraft, except for the wind; the position moves by the mean of both velocities.
-void propagate_by_velocity(FlightPrediction& prediction, const F::State& before, double dt, bool turn_known,
-                           double blind_turn_rad, const F::Options& options) {
-  auto& [now, transition, noise] = prediction;
-  const double turn = turn_between(prediction, before, turn_known);
-  const Eigen::Matrix2d turned = clockwise(turn);
-  now.segment<2>(F::velocity_east) = turned * before.segment<2>(F::velocity_east);
-  now.segment<2>(F::east) = before.segment<2>(F::east) + 0.5 * dt * (before + now).segment<2>(F::velocity_east);
-  transition.block<2, 2>(F::velocity_east, F::velocity_east) = turned;
-  Eigen::Matrix<double, 2, 1> across = Eigen::Vector2d::Zero();  // how an error of the turn turns the velocity
-  if (turn_known) across << now[F::velocity_north], -now[F::velocity_east];
-  transition.middleRows<2>(F::velocity_east) += across * transition.row(F::heading);
-  transition.block<2, 1>(F::velocity_east, F::heading) -= across;
-  transition.middleRows<2>(F::east) += 0.5 * dt * transition.middleRows<2>(F::velocity_east);
-  transition.block<2, 2>(F::east, F::velocity_east) += 0.5 * dt * Eigen::Matrix2d::Identity();
-  Eigen::Matrix<double, 4, 1> turning;
-  turning << 0.5 * dt * across, across;
-  noise.topLeftCorner<4, 4>() += noise(F::heading, F::heading) * turning * turning.transpose();
-  noise.block<4, 1>(0, F::heading) += noise(F::heading, F::heading) * turning;
-  noise.block<1, 4>(F::heading, 0) += noise(F::heading, F::heading) * turning.transpose();
-  noise.block<4, 1>(0, F::deviation) += noise(F::heading, F::deviation) * turning;
-  noise.block<1, 4>(F::deviation, 0) += noise(F::heading, F::deviation) * turning.transpose();
-  if (dt <= 0) return;
-  add_white_acceleration(noise, turn_known ? options.steady_acceleration_mps2 : options.acceleration_mps2, dt);
-  const double q = options.wind_sigma_mps * options.wind_sigma_mps * turn_spread_rad2(blind_turn_rad, turn);
-  for (int axis = 0; axis < 2; ++axis) {
-    const int p = F::east + axis, v = F::velocity_east + axis;
-    noise(p, p) += q * dt * dt / 4;
-    noise(p, v) += q * dt / 2;
-    noise(v, p) += q * dt / 2;
-    noise(v, v) += q;
-  }
-}
-
-// The change of velocity was rotated by the telemetry's heading, with its persistent errors.
-void propagate_by_imu(FlightPrediction& prediction, const F::State& before, double dt, bool turn_known,
-                      const Eigen::Vector2d& dv_mps, const InertialNoise& imu) {
-  auto& [now, transition, noise] = prediction;
-  const double turn = turn_between(prediction, before, turn_known);
-  const Eigen::Vector2d dv = clockwise(before[F::heading_bias] + before[F::deviation]) * dv_mps;
-  now.segment<2>(F::velocity_east) = before.segment<2>(F::velocity_east) + dv;
-  now.segment<2>(F::east) = before.segment<2>(F::east) + 0.5 * dt * (before + now).segment<2>(F::velocity_east);
-  const Eigen::Vector2d across(dv.y(), -dv.x());
-  for (const int error : {F::heading_bias, F::deviation}) {
-    transition.block<2, 1>(F::velocity_east, error) += across;
-    transition.block<2, 1>(F::east, error) += 0.5 * dt * across;
-  }
-  transition.block<2, 2>(F::east, F::velocity_east) += dt * Eigen::Matrix2d::Identity();
-  if (dt <= 0) return;
-  add_white_acceleration(noise, white_sigma_mps(imu, dt), dt);
-  // An arc is longer than the mean of its two end velocities times the time: by a twelfth of the turn's square.
-  const double arc_m = dt * now.segment<2>(F::velocity_east).norm() * turn * turn / 12;
-  const double moment_m = std::max(kUnknownMomentShare * dv_mps.norm() * dt, arc_m);
-  for (const int p : {F::east, F::north}) noise(p, p) += moment_m * moment_m;
-}
-
-// Closing a loop cancels the effect of a wrong heading, and so does the algebra. But the loop is predicted, not
-// observed: flying alone must never make the position more certain in any direction.
-void forbid_blind_certainty(FlightPrediction& prediction, const F::Covariance& before) {
-  const F::Covariance after = congruence(prediction.transition, before) + prediction.noise;
-  const Eigen::Matrix2d grown = (after - before).topLeftCorner<2, 2>();
-  const double least = Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(grown).eigenvalues()[0];
-  if (least < 0) prediction.noise.topLeftCorner<2, 2>() -= least * Eigen::Matrix2d::Identity();
-}
-
 }  // namespace
 
 FlightFilter::FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, PlanePoint position,
                            double sigma_m, const Options& options)
-    : uncertainty_(uncertainty), tilt_logged_(tilt_logged), options_(options) {
+    : uncertainty_(uncertainty),
+      tilt_logged_(tilt_logged),
+      options_(options),
+      process_model_(uncertainty, tilt_logged, options) {
   const double white =
       (tilt_logged ? model::kWhiteTiltShareLogged : model::kWhiteTiltShareUnlogged) * uncertainty.tilt_rad;
   tilt_scatter_weight_ = kTiltScatterPriorFrames;
@@ -246,7 +63,7 @@ double FlightFilter::white_tilt_sigma_rad() const {
 }
 
 void FlightFilter::propagate(const TelemetryInterval& interval) {
-  if (first_) return;  // there is nothing yet to propagate
+  if (!process_model_.begun()) return;  // there is nothing yet to propagate
   if (!interval.heading_rad && !interval.imu_dv_mps) {
     silent_s_ += interval.seconds;
     return;
@@ -278,7 +95,8 @@ void FlightFilter::propagate_joint(const TelemetryInterval& interval, bool tilt_
   end_inertial();  // the attitude is unknown from here on
   if (!within_interval_) marginalize_previous();
   tilt_missing_ = tilt_logged_ && !tilt_measured;
-  const auto [now, transition, noise] = process_model(interval);
+  const bool first = !process_model_.begun();
+  const auto [now, transition, noise] = process_model_.predict(mean_, covariance_, interval, white_tilt_sigma_rad());
   const auto before = joint_;  // within a long interval: the joint density with the last frame
   const State last = before ? State(before->first.head<states>()) : mean_;
   const Covariance last_covariance = before ? Covariance(before->second.topLeftCorner<states, states>()) : covariance_;
@@ -298,8 +116,7 @@ void FlightFilter::propagate_joint(const TelemetryInterval& interval, bool tilt_
   both << last, now;
   mean_ = now;
   covariance_ = joint.bottomRightCorner<states, states>();
-  if (!first_) joint_.emplace(both, joint);
-  first_ = false;
+  if (!first) joint_.emplace(both, joint);
 }
 
 // ---- The inertial sensor
@@ -356,31 +173,19 @@ void FlightFilter::predict(const PreintegratedMotion& motion, std::optional<doub
   propagate_joint(motion, measured_tilt_rad.has_value());
   within_interval_ = false;
   if (measured_tilt_rad) update_attitude(*measured_tilt_rad, rotation_vector_of(motion.turn).norm() / motion.seconds);
-  measured_heading_rad_ = measured_heading_rad;
-  if (!measured_heading_rad) return;
-  last_measured_heading_rad_ = measured_heading_rad;
-  update_measured_heading(*measured_heading_rad);
+  process_model_.on_measured_heading(measured_heading_rad);
+  if (measured_heading_rad) update_measured_heading(*measured_heading_rad);
 }
 
 void FlightFilter::propagate_joint(const PreintegratedMotion& motion, bool tilt_measured) {
   if (!within_interval_) marginalize_previous();
   tilt_missing_ = tilt_logged_ && !tilt_measured;
-  const double dt = motion.seconds;
-  usual_seconds_ = std::min(dt, kLongestUsualInterval_s);
-  blind_s_ += dt;
   silent_s_ = 0;
   const StrapdownStep step = strapdown_step(inertial_->world_from_sensor, motion, inertial_->calibration,
                                             mean_.segment<2>(velocity_east), earth_rate_rad_s_);
   constexpr int order[] = {east, north, velocity_east, velocity_north, heading};
-  const double turn = step.added[StrapdownStep::heading];
-  blind_turn_rad_ += turn;
-
-  FlightPrediction prediction;
-  auto& [now, transition, noise] = prediction;
-  process_model_height_and_tilt(prediction, dt);
-  process_model_deviation(prediction, turn, dt);
-  for (int axis = 0; axis < 2; ++axis) transition(east + axis, velocity_east + axis) = dt;
-  now = transition * mean_;
+  auto [now, transition, noise] = process_model_.predict_beside_inertial(
+      mean_, motion.seconds, step.added[StrapdownStep::heading], white_tilt_sigma_rad());
   InertialCross by_errors = InertialCross::Zero(), noise_with_errors = InertialCross::Zero();
   for (int i = 0; i < 5; ++i) {
     now[order[i]] += step.added[i];
@@ -403,10 +208,7 @@ void FlightFilter::propagate_joint(const PreintegratedMotion& motion, bool tilt_
   const Covariance half = product_transposed(product(transition, errors.cross), by_errors);
   Covariance next =
       congruence(transition, covariance_) + half + half.transpose() + congruence(by_errors, errors.covariance) + noise;
-  // As forbid_blind_certainty().
-  const Eigen::Matrix2d grown = (next - covariance_).topLeftCorner<2, 2>();
-  const double least = Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(grown).eigenvalues()[0];
-  if (least < 0) next.topLeftCorner<2, 2>() -= least * Eigen::Matrix2d::Identity();
+  next.topLeftCorner<2, 2>() += blind_certainty_m2(covariance_, next) * Eigen::Matrix2d::Identity();
 
   errors.cross_before = product_transposed(last_with_errors, step.error_transition);
   errors.cross = product_transposed(moved, step.error_transition) + noise_with_errors;
@@ -480,97 +282,6 @@ void FlightFilter::move_inertial(const InertialError& error) {
   }
 }
 
-FlightPrediction FlightFilter::process_model(const TelemetryInterval& interval) {
-  const auto& [seconds, measured_heading_rad, imu_dv_mps] = interval;
-  const bool clock_stopped = !first_ && !(seconds > 0);
-  if (!first_ && seconds > 0) usual_seconds_ = std::min(seconds, kLongestUsualInterval_s);
-  const double dt = first_ ? 0 : std::max(0.0, seconds);
-  FlightPrediction prediction;
-  auto& [now, transition, noise] = prediction;
-
-  process_model_height_and_tilt(prediction, dt);
-  process_model_heading(prediction, measured_heading_rad, dt);
-
-  now = (transition * mean_).eval();
-  if (measured_heading_rad) now[heading] += *measured_heading_rad;
-
-  const bool turn_known = measured_heading_rad && measured_heading_rad_;
-  if (imu_dv_mps && !first_) {
-    const double leak_mps2 = kGravity_mps2 * model::kLevelShare * uncertainty_.tilt_rad;
-    propagate_by_imu(prediction, mean_, dt, turn_known, *imu_dv_mps, {uncertainty_.imu_dv_mps, leak_mps2, blind_s_});
-  } else {
-    propagate_by_velocity(prediction, mean_, dt, turn_known, blind_turn_rad_, options_);
-    forget_course(prediction, mean_, dt, turn_known, mean_square_speed_m2ps2(mean_, covariance_, options_));
-  }
-  if (turn_known) blind_turn_rad_ += wrap_pi(now[heading] - mean_[heading]);
-  blind_s_ += dt;
-  if (clock_stopped) {
-    const double step_m = usual_seconds_ * std::max(kStoppedClockSpeed_mps, now.segment<2>(velocity_east).norm());
-    noise(east, east) += step_m * step_m;
-    noise(north, north) += step_m * step_m;
-  }
-  if (imu_dv_mps && !first_) forbid_blind_certainty(prediction, covariance_);
-  measured_heading_rad_ = measured_heading_rad;
-  if (measured_heading_rad) last_measured_heading_rad_ = measured_heading_rad;
-  return prediction;
-}
-
-void FlightFilter::process_model_height_and_tilt(FlightPrediction& prediction, double dt) const {
-  auto& [now, transition, noise] = prediction;
-  const double agl_variance = uncertainty_.agl_relative * uncertainty_.agl_relative;
-  const GaussMarkov height = gauss_markov(
-      agl_variance, first_ ? 1 : std::sqrt(1 - model::kHeightInnovationShare * model::kHeightInnovationShare));
-  transition(log_height, log_height) = height.keep;
-  noise(log_height, log_height) = height.variance;
-
-  const double tilt_variance = uncertainty_.tilt_rad * uncertainty_.tilt_rad;
-  const double drift_s = tilt_logged_ ? model::kTiltTimeLogged_s : model::kTiltTimeUnlogged_s;
-  const GaussMarkov bias = gauss_markov(tilt_variance, std::exp(-dt / drift_s));
-  const double white = white_tilt_sigma_rad() * white_tilt_sigma_rad();
-  for (int axis = 0; axis < 2; ++axis) {
-    const int tilt = pitch + axis, constant = pitch_bias + axis;
-    transition(tilt, tilt) = 0;
-    transition(tilt, constant) = transition(constant, constant) = bias.keep;
-    noise(constant, constant) = noise(constant, tilt) = noise(tilt, constant) = bias.variance;
-    noise(tilt, tilt) = bias.variance + white;
-  }
-}
-
-// The deviation depends on the course: the error on this course and on the one 90 degrees to the right predict it.
-void FlightFilter::process_model_heading(FlightPrediction& prediction,
-                                         const std::optional<double>& measured_heading_rad, double dt) const {
-  auto& [now, transition, noise] = prediction;
-  if (!measured_heading_rad) {
-    noise(heading, heading) = first_ ? 0 : model::kUnknownHeadingVariance_rad2;
-    return;
-  }
-  const double turn = last_measured_heading_rad_ ? *measured_heading_rad - *last_measured_heading_rad_ : 0;
-  const double deviation_variance = process_model_deviation(prediction, turn, dt);
-  const double c = transition(deviation, deviation), s = transition(deviation, deviation_quadrature);
-
-  const double white_rad = model::kWhiteHeadingShare * uncertainty_.heading_rad;
-  transition(heading, heading) = 0;
-  transition(heading, heading_bias) = 1;
-  transition(heading, deviation) = c;
-  transition(heading, deviation_quadrature) = s;
-  noise(heading, heading) = deviation_variance + white_rad * white_rad;
-  noise(heading, deviation) = noise(deviation, heading) = deviation_variance;
-}
-
-// Returns the variance of its innovation.
-double FlightFilter::process_model_deviation(FlightPrediction& prediction, double turn, double dt) const {
-  auto& [now, transition, noise] = prediction;
-  const double deviation_rad = model::kDeviationShare * uncertainty_.heading_rad;
-  const GaussMarkov deviation_process =
-      gauss_markov(deviation_rad * deviation_rad, std::exp(-dt / model::kDeviationTime_s));
-  const double c = deviation_process.keep * std::cos(turn), s = deviation_process.keep * std::sin(turn);
-  transition(deviation, deviation) = transition(deviation_quadrature, deviation_quadrature) = c;
-  transition(deviation, deviation_quadrature) = s;
-  transition(deviation_quadrature, deviation) = -s;
-  noise(deviation, deviation) = noise(deviation_quadrature, deviation_quadrature) = deviation_process.variance;
-  return deviation_process.variance;
-}
-
 template <int Rows>
 void FlightFilter::update_joint(const Eigen::Matrix<double, Rows, kJoint>& row,
                                 const Eigen::Matrix<double, Rows, 1>& innovation,
@@ -585,8 +296,8 @@ void FlightFilter::update_joint(const Eigen::Matrix<double, Rows, kJoint>& row,
     const Eigen::Matrix<double, Rows, kErrors> seen = product(row, cross);
     const Eigen::Matrix<double, kErrors, Rows> inertial_gain = spread.ldlt().solve(seen).transpose();
     cross -= product(gain, seen);
-    inertial_->cross_before = cross.template topRows<states>();
-    inertial_->cross = cross.template bottomRows<states>();
+    inertial_->cross_before = cross.template topRows<kStates>();
+    inertial_->cross = cross.template bottomRows<kStates>();
     inertial_->covariance -= product(inertial_gain, seen);
     inertial_->covariance = (0.5 * (inertial_->covariance + inertial_->covariance.transpose())).eval();
     move_inertial(inertial_gain * innovation);
@@ -595,8 +306,8 @@ void FlightFilter::update_joint(const Eigen::Matrix<double, Rows, kJoint>& row,
   const JointCovariance left = JointCovariance::Identity() - product(gain, row);
   joint = congruence(left, joint) + congruence(gain, noise);
   joint = (0.5 * (joint + joint.transpose())).eval();
-  mean_ = both.template tail<states>();
-  covariance_ = joint.template bottomRightCorner<states, states>();
+  mean_ = both.template tail<kStates>();
+  covariance_ = joint.template bottomRightCorner<kStates, kStates>();
 }
 
 // Iterated once (one step of an iterated EKF). The measured displacement alone is metres off where tilt is
@@ -604,7 +315,7 @@ void FlightFilter::update_joint(const Eigen::Matrix<double, Rows, kJoint>& row,
 // a minute of odometry. So m of the header's equations is the displacement after a first update.
 Eigen::Vector2d FlightFilter::update_relative(const RelativeMotionMeasurement& measurement) {
   if (!joint_) return Eigen::Vector2d::Zero();
-  blind_turn_rad_ = blind_s_ = 0;
+  process_model_.on_velocity_measured();
   const auto prior = *joint_;
   const auto prior_inertial = inertial_;
   const Eigen::Vector2d predicted = prior.first.segment<2>(east);
@@ -730,7 +441,7 @@ void FlightFilter::estimate_tilt_scatter(const PoseMeasurement& measurement) {
 
 void FlightFilter::update_absolute(const PoseMeasurement& measurement) {
   marginalize_previous();
-  blind_turn_rad_ = blind_s_ = 0;
+  process_model_.on_velocity_measured();
   estimate_tilt_scatter(measurement);
   constexpr int order[] = {east, north, log_height, heading, pitch, roll};
   Eigen::Matrix<double, 6, states> row = Eigen::Matrix<double, 6, states>::Zero();

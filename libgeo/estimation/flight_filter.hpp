@@ -6,7 +6,7 @@
 // to the displacement between them. With all correlations kept, good odometry averages the tilts of many frames, and a
 // boresight that is estimated late also corrects earlier frames.
 //
-// State (enum Index; metres, m/s, radians):
+// State (FlightState::Index; metres, m/s, radians):
 //
 //   p = (east, north)      position of the camera in the map's plane
 //   v                      velocity, east and north
@@ -18,37 +18,7 @@
 //   the
 //                          Admiralty Manual for the Deviations of the Compass)
 //
-// Process model over Δt, with ψ_m the measured heading, Δψ its change, R(α) a clockwise rotation; w are white, and the
-// first-order Gauss-Markov processes keep their stationary variance σ² by innovations of variance σ² (1 - a²):
-//
-//   λ'   = a_h λ + w                           a_h² = 1 - (share of innovation)²
-//   b_τ' = a_τ b_τ + w                         a_τ = exp(-Δt / T_τ)
-//   τ'   = b_τ' + w_τ                          w_τ: white tilt, estimated in flight
-//   (d, d⊥)' = a_d R(Δψ) (d, d⊥) + w           a_d = exp(-Δt / T_d)
-//   ψ'   = ψ_m + b_ψ + d' + w_ψ                without a measured heading: ψ' = ψ + w, any heading
-//   v'   = R(ψ' - ψ) v + w_a + w_wind          an aircraft keeps its airspeed; the wind does not turn with it
-//   p'   = p + Δt (v + v') / 2
-//
-// w_a is white acceleration: variance q Δt³/3 of position, q Δt²/2 jointly, q Δt of velocity. w_wind has the variance
-// σ_wind² (Δψ)², summed coherently over a blind turn. With an accelerometer's change of velocity u, in axes rotated by
-// the measured heading, v' = v + R(b_ψ + d) u + w, and w also holds gravity that leaks in through an attitude error.
-//
-// A gap is a Δt beyond T (kCourseHeld_s) of which only the ends are measured, without an accelerometer. In the rest of
-// it, u = Δt - T, the aircraft may have turned there and back. Its velocity is an Ornstein-Uhlenbeck process of the
-// correlation time τ and the variance V²/2 on each axis (speed V on any course), and its integral between two known
-// ends a bridge:
-//
-//   p'   = p + c (v + v') + w_gap              c = T/2 + τ tanh(u / 2τ)
-//   var(w_gap) = V² τ² (u/τ - 2 tanh(u / 2τ))  on each axis, independent of both velocities: none shrinks it;
-//        + (u/2 - τ tanh(u / 2τ))² / 3 (v + v') (v + v')ᵀ  as c is somewhere up to the straight way's Δt / 2
-//   v'   = e^(-u/τ) v + w                      without a heading at both ends
-//   V²   = |v|² + tr P_v + 4 σ_wind²           over ground, on other courses
-//   τ    = max(π V / (g tan φ), u / x*)        x* = argmax (x - 2 tanh(x/2)) / x² = 3.21
-//
-// How long an aircraft keeps a course is unknown: not shorter than half a circle takes at its steepest bank φ, else τ
-// is what leaves the position least known. σ of w_gap across is V u √(u / 12τ) in a short gap and 0.36 V u in a long
-// one. As u → 0 this is the process model above. (Uhlenbeck and Ornstein 1930; the bridge follows by conditioning on
-// both ends.)
+// Process model: flight_process_model.hpp.
 //
 // Measurements, both of the image alone, without any prior, so that nothing is counted twice:
 //
@@ -79,15 +49,15 @@
 // where [ ] takes the horizontal part, so that gravity's own value does not matter: what leaks into the horizontal
 // through φ is all in R Δv. A wind needs no state, and the velocity no airspeed. Level, heading and biases are learned
 // from what odometry and anchors say of position and velocity, all of which are correlated with e; a bias and a tilt
-// cannot be distinguished in straight flight, and need not be. w_scale is what the sensor's scale and misalignment make of
-// a turn or of a change of velocity. The sensor's axes are the camera's: where it is mounted askew by a degree or two,
-// that is in M and b_a, which are learned. With the last equation the tilt no longer changes from frame to frame as it
-// pleases, and odometry measures velocity far better. The filter begins so at the first frame that has samples, heading
-// and tilt, and ends where samples are missing; the velocity is then predicted as above, and the biases are kept for
-// the next beginning. e is no state of the frame before: blocks P_xe and P_ee are added to the covariance of x, whose
-// own equations are the same with G e as a further input (a Schmidt-Kalman filter's partition, with e updated as well).
-// Without samples there is no e, and nothing of the above changes. The smoother works on x alone: between frames it
-// takes G e for noise.
+// cannot be distinguished in straight flight, and need not be. w_scale is what the sensor's scale and misalignment make
+// of a turn or of a change of velocity. The sensor's axes are the camera's: where it is mounted askew by a degree or
+// two, that is in M and b_a, which are learned. With the last equation the tilt no longer changes from frame to frame
+// as it pleases, and odometry measures velocity far better. The filter begins so at the first frame that has samples,
+// heading and tilt, and ends where samples are missing; the velocity is then predicted as above, and the biases are
+// kept for the next beginning. e is no state of the frame before: blocks P_xe and P_ee are added to the covariance of
+// x, whose own equations are the same with G e as a further input (a Schmidt-Kalman filter's partition, with e updated
+// as well). Without samples there is no e, and nothing of the above changes. The smoother works on x alone: between
+// frames it takes G e for noise.
 //
 // One frame: propagate() for each interval of a long way to it, predict(), then update_relative() if odometry tracked
 // it, then update_absolute() if a match with the map was accepted. smoothed() is Rauch-Tung-Striebel's smoother.
@@ -98,6 +68,7 @@
 #include <optional>
 #include <vector>
 
+#include "estimation/flight_process_model.hpp"
 #include "estimation/pose_measurements.hpp"
 #include "estimation/strapdown_step.hpp"
 #include "estimation/telemetry.hpp"
@@ -106,29 +77,12 @@
 
 namespace nadir {
 
-struct FlightPrediction;
-
 class FlightFilter {
  public:
-  // Order of the state; units and meaning above.
-  enum Index {
-    east,
-    north,
-    velocity_east,
-    velocity_north,
-    log_height,
-    heading,
-    pitch,
-    roll,
-    heading_bias,
-    pitch_bias,
-    roll_bias,
-    deviation,
-    deviation_quadrature,
-    states
-  };
-  using State = Eigen::Matrix<double, states, 1>;
-  using Covariance = Eigen::Matrix<double, states, states>;
+  using enum FlightState::Index;
+  using Index = FlightState::Index;
+  using State = FlightState::Vector;
+  using Covariance = FlightState::Covariance;
 
   using Options = FlightFilterOptions;
 
@@ -202,7 +156,8 @@ class FlightFilter {
   std::vector<Smoothed> smoothed() const;
 
  private:
-  static constexpr int kJoint = 2 * states;
+  static constexpr int kStates = FlightState::states;  // gcc 12 fails on an enumerator of `using enum` in a template
+  static constexpr int kJoint = 2 * kStates;
   using JointState = Eigen::Matrix<double, kJoint, 1>;
   using JointCovariance = Eigen::Matrix<double, kJoint, kJoint>;
 
@@ -234,11 +189,6 @@ class FlightFilter {
                                                      const Eigen::Vector2d& m) const;
   TelemetryInterval with_silence(TelemetryInterval interval);
   void propagate_joint(const TelemetryInterval& interval, bool tilt_measured);
-  FlightPrediction process_model(const TelemetryInterval& interval);
-  void process_model_height_and_tilt(FlightPrediction& prediction, double dt) const;
-  double process_model_deviation(FlightPrediction& prediction, double turn, double dt) const;
-  void process_model_heading(FlightPrediction& prediction, const std::optional<double>& measured_heading_rad,
-                             double dt) const;
   void marginalize_previous();
   void reset_velocity();
   Link link() const;
@@ -251,18 +201,13 @@ class FlightFilter {
   TelemetryUncertainty uncertainty_;
   bool tilt_logged_;
   Options options_;
+  FlightProcessModel process_model_;
   State mean_ = State::Zero();  // of the current frame
   Covariance covariance_ = Covariance::Zero();
-  std::optional<double> measured_heading_rad_;  // of the current frame
-  std::optional<double> last_measured_heading_rad_;
-  bool first_ = true;
   bool within_interval_ = false;  // propagated since the last frame
   double silent_s_ = 0;           // of intervals that measured nothing, not propagated yet
-  double blind_turn_rad_ = 0;     // turned since the velocity was last measured …
-  double blind_s_ = 0;            // … and flown
   bool tilt_missing_ = false;
-  double usual_seconds_ = 1;  // between frames
-  double tilt_scatter_sum_;   // of the white tilt's variance, weighted by its information; begins with the prior
+  double tilt_scatter_sum_;  // of the white tilt's variance, weighted by its information; begins with the prior
   double tilt_scatter_weight_;
 
   std::optional<Inertial> inertial_;
