@@ -1,7 +1,7 @@
 # Read by ctest: makes each suite of a GoogleTest program a test of ctest, named folder.Suite. A process for each suite and
 # not for each case: cases share what their suite makes once (SetUpTestSuite), and a start costs as much as most cases.
 # Set by the caller: SUITES_NAME, SUITES_PROGRAM, SUITES_EMULATOR (what runs it; empty: the machine), SUITES_LIST (where the
-# list is kept until the program changes).
+# list is kept until the program changes), SUITES_COST (ctest begins with those of the highest; empty: none).
 if(NOT EXISTS "${SUITES_PROGRAM}")
   add_test("${SUITES_NAME}.NOT_BUILT" "${SUITES_NAME}.NOT_BUILT")
   return()
@@ -25,6 +25,9 @@ if(NOT EXISTS "${SUITES_LIST}" OR "${SUITES_PROGRAM}" IS_NEWER_THAN "${SUITES_LI
     string(REGEX REPLACE "[\n.]" "" suite "${suite}")
     string(APPEND tests "add_test([[${SUITES_NAME}.${suite}]]${command} [[--gtest_filter=${suite}.*]])\n")
     string(APPEND tests "set_tests_properties([[${SUITES_NAME}.${suite}]] PROPERTIES LABELS ${SUITES_NAME} TIMEOUT 900 SKIP_RETURN_CODE 77)\n")
+    if(SUITES_COST)
+      string(APPEND tests "set_tests_properties([[${SUITES_NAME}.${suite}]] PROPERTIES COST ${SUITES_COST})\n")
+    endif()
   endforeach()
   file(WRITE "${SUITES_LIST}" "${tests}")
 endif()

@@ -19,10 +19,10 @@ function(nadir_library name)
   endif()
 endfunction()
 
-# nadir_test(<name> [SOURCES …] LINK …): one GoogleTest program per folder of tests/, of its *_test.cpp and SOURCES; its
-# suites are known to ctest as <name>.<Suite>.
+# nadir_test(<name> [COST n] [SOURCES …] LINK …): one GoogleTest program per folder of tests/, of its *_test.cpp and SOURCES; its
+# suites are known to ctest as <name>.<Suite>, which begins with those of the highest cost (of none: 0).
 function(nadir_test name)
-  cmake_parse_arguments(TEST "" "" "SOURCES;LINK" ${ARGN})
+  cmake_parse_arguments(TEST "" "COST" "SOURCES;LINK" ${ARGN})
   file(GLOB cases CONFIGURE_DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/*_test.cpp")
   add_executable(test_${name} ${cases} ${TEST_SOURCES})
   target_link_libraries(test_${name} PRIVATE ${TEST_LINK} nadir_test_support nadir_test_main nadir_warnings)
@@ -33,6 +33,7 @@ function(nadir_test name)
 set(SUITES_PROGRAM [[$<TARGET_FILE:test_${name}>]])
 set(SUITES_EMULATOR [[${CMAKE_CROSSCOMPILING_EMULATOR}]])
 set(SUITES_LIST [[${suites}_list.cmake]])
+set(SUITES_COST [[${TEST_COST}]])
 include([[${PROJECT_SOURCE_DIR}/cmake/DiscoverSuites.cmake]])
 ")
   set_property(DIRECTORY APPEND PROPERTY TEST_INCLUDE_FILES "${suites}.cmake")

@@ -1,9 +1,9 @@
 #include "flight_adjustment/reconstruction_files.hpp"
 
 #include <fmt/format.h>
+#include <zlib.h>
 
 #include <Eigen/Geometry>
-#include <array>
 #include <cstdint>
 #include <iterator>
 
@@ -15,21 +15,6 @@ namespace {
 // Names with spaces or line ends would be read as other columns.
 bool plain(const std::string& name) {
   return !name.empty() && name.find_first_of(" \t\r\n") == std::string::npos && name.front() != '#';
-}
-
-std::uint32_t crc32(const std::string& bytes) {
-  static const auto table = [] {
-    std::array<std::uint32_t, 256> values{};
-    for (std::uint32_t i = 0; i < 256; ++i) {
-      std::uint32_t value = i;
-      for (int bit = 0; bit < 8; ++bit) value = (value >> 1U) ^ ((value & 1U) != 0 ? 0xEDB88320U : 0U);
-      values.at(i) = value;
-    }
-    return values;
-  }();
-  std::uint32_t crc = 0xFFFFFFFFU;
-  for (const char c : bytes) crc = table.at((crc ^ static_cast<std::uint8_t>(c)) & 0xFFU) ^ (crc >> 8U);
-  return ~crc;
 }
 
 void put(std::string& out, std::uint32_t value, int bytes) {
@@ -44,7 +29,7 @@ void put_entry(std::string& out, const std::string& name, const std::string& con
   put(out, kStored, 2);
   put(out, kNoTime, 2);
   put(out, k1980, 2);
-  put(out, crc32(content), 4);
+  put(out, static_cast<std::uint32_t>(crc32_z(0, reinterpret_cast<const Bytef*>(content.data()), content.size())), 4);
   put(out, static_cast<std::uint32_t>(content.size()), 4);
   put(out, static_cast<std::uint32_t>(content.size()), 4);
   put(out, static_cast<std::uint32_t>(name.size()), 2);
