@@ -175,7 +175,7 @@ def bill_of(deb, build, dpkg, graph, headers, created):
                                            "referenceLocator": f"pkg:pypi/pymavlink@{version}"}]})
         relations.append({"spdxElementId": root, "relationshipType": "CONTAINS", "relatedSpdxElement": "SPDXRef-PyPI-pymavlink"})
     return {"spdxVersion": "SPDX-2.3", "dataLicense": "CC0-1.0", "SPDXID": "SPDXRef-DOCUMENT", "name": deb.stem,
-            "documentNamespace": f"https://nadir.example/spdx/{deb.stem}-{sha256(deb)}",
+            "documentNamespace": f"https://spdx.org/spdxdocs/{deb.stem}-{sha256(deb)}",
             "creationInfo": {"created": created, "creators": ["Tool: cmake/packaging/sbom.py"]},
             "packages": packages, "files": files, "relationships": relations}
 

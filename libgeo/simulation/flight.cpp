@@ -10,6 +10,7 @@
 #include "base/files.hpp"
 #include "base/random.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "imagery/codecs.hpp"
 #include "simulation/camera_sensor.hpp"
 #include "simulation/frame_renderer.hpp"
@@ -128,7 +129,7 @@ FlightReport simulate_flight(const Mission& mission, const SimulatedFlightOption
   const LocalFrame frame(start, base_m);
   const PlanePath route = to_plane(frame, mission.route.points);
   // The farthest distance that a banked camera sees.
-  const double half_diagonal = std::hypot(camera.width / camera.fx, camera.height / camera.fy) / 2;
+  const double half_diagonal = hypotenuse(camera.width / camera.fx, camera.height / camera.fy) / 2;
   const double reach = agl * std::tan(std::min(std::atan(half_diagonal) + radians(34), radians(75))) + 50;
   const PlaneBox box = box_around(route, reach);
   const double gsd = agl / std::max(camera.fx, camera.fy);

@@ -113,7 +113,8 @@ void lay_river_and_roads(const Random& random, Landscape& land) {
     land.river.half_widths_m.push_back(half * (1 + 0.45 * width.at(p.x, p.y)));
 
   // The main road crosses it and passes the village.
-  const GroundPoint village(own.uniform(0.44, 0.54) * size, own.uniform(0.36, 0.46) * size);
+  const double village_y = own.uniform(0.36, 0.46) * size;
+  const GroundPoint village(own.uniform(0.44, 0.54) * size, village_y);
   land.village = place(village.x, village.y);
   std::vector<GroundPoint> road;
   const double wave = 0.035 * size;
@@ -132,7 +133,8 @@ void lay_river_and_roads(const Random& random, Landscape& land) {
 
   const int ponds = std::max(1, static_cast<int>(size * size / 2.5e6));
   for (int i = 0; i < ponds; ++i) {
-    const GroundPoint position = place(own.uniform(0.12, 0.88) * size, own.uniform(0.1, 0.55) * size);
+    const double y = own.uniform(0.1, 0.55) * size;
+    const GroundPoint position = place(own.uniform(0.12, 0.88) * size, y);
     if (cv::norm(position - land.village) < 300 || distance_m(land.roads[0], position) < 90) continue;
     land.ponds.push_back({position, own.uniform(18, 42), hash_of(land.seed, 77, i)});
   }

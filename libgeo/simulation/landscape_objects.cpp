@@ -194,7 +194,8 @@ void build_village(const Random& random, Landscape& land) {
   land.roads.insert(land.roads.end(), streets.begin(), streets.end());
   VillageBuilder builder(own, land);
   // A church in the middle, before the houses.
-  const GroundPoint church = land.village + GroundPoint(own.uniform(24, 32), own.uniform(-10, 10));
+  const double north_m = own.uniform(-10, 10);
+  const GroundPoint church = land.village + GroundPoint(own.uniform(24, 32), north_m);
   if (builder.clear_of_roads(church, 16)) {
     const double angle = own.uniform(-0.3, 0.3);
     builder.add(church, angle, 24, 12, 9, 1.1, Roof::slate);
@@ -206,7 +207,8 @@ void build_village(const Random& random, Landscape& land) {
   // A sports ground at the edge.
   const double angle = own.uniform(0, std::numbers::pi);
   for (int i = 0; i < 24; ++i) {
-    const GroundPoint position = land.village + direction(own.uniform(0, 6.28)) * own.uniform(180, 330);
+    const double from_village_m = own.uniform(180, 330);
+    const GroundPoint position = land.village + direction(own.uniform(0, 6.28)) * from_village_m;
     bool free = builder.clear_of_roads(position, 62);
     for (const Plot& plot : land.plots) free = free && cv::norm(plot.centre - position) > 85;
     if (!free) continue;
@@ -221,7 +223,8 @@ void build_farms(const Random& random, Landscape& land) {
   VillageBuilder builder(own.fork("houses"), land);
   const int farms = std::max(2, static_cast<int>(land.size_m * land.size_m / 0.55e6));
   for (int i = 0, tries = 0; i < farms && tries < 40 * farms; ++tries) {
-    const GroundPoint position(own.uniform(0.04, 0.96) * land.size_m, own.uniform(0.04, 0.96) * land.size_m);
+    const double y = own.uniform(0.04, 0.96) * land.size_m;
+    const GroundPoint position(own.uniform(0.04, 0.96) * land.size_m, y);
     const GroundPoint uv = land.fields.uv_from_ground(position);
     const auto hit = land.fields.find(uv);
     const Parcel& parcel = land.fields.parcels[static_cast<std::size_t>(hit.parcel)];
@@ -238,16 +241,19 @@ void build_farms(const Random& random, Landscape& land) {
     land.plots.push_back({position, angle, 62, 40, Cover::gravel, own.uniform(-1, 1)});
     land.plots.push_back({position + along * 4.0, angle, 24, 22, Cover::paving, own.uniform(-1, 1)});
     const Roof barn = own.chance(0.5) ? Roof::metal : own.chance(0.5) ? Roof::tiles : Roof::brown;
-    builder.add(position + across * 19.0 + along * own.uniform(-6, 6), angle, own.uniform(26, 40), own.uniform(13, 17),
-                5.5, 0.5, barn);
-    builder.add(position - along * 24.0 - across * 4.0, angle + std::numbers::pi / 2, own.uniform(18, 28),
-                own.uniform(11, 14), 5, 0.6, own.chance(0.5) ? Roof::metal : Roof::brown,
-                own.chance(0.2) ? Presence::day_only : Presence::both);
+    const double barn_width = own.uniform(13, 17), barn_length = own.uniform(26, 40);
+    builder.add(position + across * 19.0 + along * own.uniform(-6, 6), angle, barn_length, barn_width, 5.5, 0.5, barn);
+    const Presence stable_presence = own.chance(0.2) ? Presence::day_only : Presence::both;
+    const Roof stable = own.chance(0.5) ? Roof::metal : Roof::brown;
+    const double stable_width = own.uniform(11, 14), stable_length = own.uniform(18, 28);
+    builder.add(position - along * 24.0 - across * 4.0, angle + std::numbers::pi / 2, stable_length, stable_width, 5,
+                0.6, stable, stable_presence);
     builder.add(position - across * 17.0 + along * 12.0, angle, 15, 10.5, 5, 0.9, Roof::tiles);
     if (own.chance(0.6)) builder.add(position + along * 27.0 + across * 8.0, angle, 8, 8, 9, 0.25, Roof::round);
     if (own.chance(0.4)) builder.add(position + along * 27.0 - across * 4.0, angle, 7, 7, 8, 0.25, Roof::round);
     for (int k = own.integer(5, 12); k > 0; --k) {
-      const GroundPoint tree = position + direction(own.uniform(0, 6.28)) * own.uniform(36, 48);
+      const double from_farm_m = own.uniform(36, 48);
+      const GroundPoint tree = position + direction(own.uniform(0, 6.28)) * from_farm_m;
       const double radius = own.uniform(2.2, 5);
       land.trees.push_back({tree, radius, radius * 2.2, Plant::broadleaf, own.uniform(-1, 1),
                             static_cast<std::uint32_t>(own.integer(0, 1 << 30))});

@@ -5,6 +5,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 namespace {
@@ -19,7 +20,7 @@ cv::Mat_<float> shadow_tops(const cv::Mat_<float>& heights, double gsd_m, const 
   cv::Mat_<float> h = transpose ? cv::Mat_<float>(heights.t()) : heights.clone();
   const double major = transpose ? dx : dy, minor = transpose ? dy : dx;
   const double shift = minor / std::abs(major);  // sideways per row
-  const auto drop = static_cast<float>(gsd_m * std::tan(sun.elevation_rad) * std::hypot(1.0, shift));
+  const auto drop = static_cast<float>(gsd_m * std::tan(sun.elevation_rad) * hypotenuse(1.0, shift));
   const int step = major > 0 ? 1 : -1, first = major > 0 ? 0 : h.rows - 1;
   const int whole = static_cast<int>(std::floor(-shift));
   const auto part = static_cast<float>(-shift - whole);

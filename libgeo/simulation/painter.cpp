@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geodesy/hypotenuse.hpp"
+
 namespace nadir {
 
 // The painter's working state for one piece.
@@ -263,7 +265,7 @@ void Painter::plots(Canvas& canvas) const {
   const PixelGrid& grid = canvas.grid;
   const Light white = light_from_srgb(226, 228, 222);
   for (const Plot& plot : land_.plots) {
-    const double reach = std::hypot(plot.length_m, plot.width_m) / 2 + 1;
+    const double reach = hypotenuse(plot.length_m, plot.width_m) / 2 + 1;
     const PixelBox box(grid, plot.centre, reach);
     if (box.empty()) continue;
     const double ca = std::cos(plot.angle_rad), sa = std::sin(plot.angle_rad);
@@ -285,7 +287,7 @@ void Painter::plots(Canvas& canvas) const {
           const double pa = std::abs(a) - 45, pb = std::abs(b) - 29;
           double line = std::abs(std::max(pa, pb));
           if (std::max(pa, pb) < 0) {
-            line = std::min({line, std::abs(a), std::abs(std::hypot(a, b) - 9),
+            line = std::min({line, std::abs(a), std::abs(hypotenuse(a, b) - 9),
                              std::abs(std::max(29.0 - std::abs(a), std::abs(b) - 20))});
           }
           light += (white - light) * (0.6 * cover_of(line - 0.15, std::max(grid.gsd_m, 0.3)));
@@ -346,7 +348,7 @@ void Painter::buildings(Canvas& canvas) const {
   const Presence absent = season_ == Season::may ? Presence::day_only : Presence::before_only;
   for (const Building& b : land_.buildings) {
     if (b.presence == absent) continue;
-    const PixelBox box(grid, b.centre, std::hypot(b.length_m, b.width_m) / 2 + 1);
+    const PixelBox box(grid, b.centre, hypotenuse(b.length_m, b.width_m) / 2 + 1);
     if (box.empty()) continue;
     const double ca = std::cos(b.angle_rad), sa = std::sin(b.angle_rad);
     const Roof roof = season_ == Season::may ? b.roof_before : b.roof;
@@ -358,11 +360,11 @@ void Painter::buildings(Canvas& canvas) const {
         const double a = d.x * ca + d.y * sa, c = d.y * ca - d.x * sa;
         const double across = std::abs(c) / (b.width_m / 2), along = std::abs(a) / (b.length_m / 2);
         const bool round = roof == Roof::round;
-        const double edge = round ? std::hypot(a, c) - b.width_m / 2
+        const double edge = round ? hypotenuse(a, c) - b.width_m / 2
                                   : std::max(std::abs(a) - b.length_m / 2, std::abs(c) - b.width_m / 2);
         const double cover = cover_of(edge, grid.gsd_m);
         if (cover <= 0) continue;
-        const double fall = round ? std::hypot(a, c) / (b.width_m / 2) : tower ? std::max(across, along) : across;
+        const double fall = round ? hypotenuse(a, c) / (b.width_m / 2) : tower ? std::max(across, along) : across;
         const double height = b.eaves_m + (b.ridge_m - b.eaves_m) * std::max(0.0, 1 - fall);
         const double fine = static_cast<double>(canvas.fine(row, column));
         double shade = 1 + 0.05 * fine + 0.08 * static_cast<double>(canvas.patches(row, column));

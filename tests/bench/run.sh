@@ -50,6 +50,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   rules         every rule of docs/onboard.md in real time: eight short flights, what was seen and when (9 minutes; --only NAME)
   sitl          ArduPlane itself, in its own simulator, by nadird's fixes (--arduplane PATH; NOT RUN without; 6 minutes)
   px4           PX4 itself, likewise (--px4 PATH; NOT RUN without; 7 minutes)
+  mavproxy      MAVProxy itself as a ground station of a simulated flight: heartbeat, figures, hints (NOT RUN without; 2 minutes)
   soak          two hours of simulated flight at eight times real time: memory, file handles, threads
   sync          10 000 tiles uploaded over breaking lines, through every fault and 60 kills; and curl, rsync (5 minutes)
   contract      a client generated from the upload's OpenAPI file sends a batch (NADIR_BENCH_VENV with openapi-python-client)
@@ -138,6 +139,7 @@ part() {
     rules)        build-venv/bin/python -B "$here/../e2e/rule_flights.py" "$@" ;;
     chaos)        build-venv/bin/python -B "$here/../e2e/chaos.py" "$@" ;;
     sitl | px4)   build-venv/bin/python -B "$here/../e2e/sitl.py" "$@" ;;
+    mavproxy)     one_program nadir && one_program nadird && python3 -B "$here/mavproxy.py" "$@" ;;
     soak)         one_program bench_fast_nadird && build-venv/bin/python -B "$here/../e2e/soak.py" "$@" ;;
     looks)        one_program bench_looks && build/bin/bench_looks "$@" ;;
     retrieval)    one_program bench_retrieval && build/bin/bench_retrieval "$@" ;;

@@ -13,6 +13,10 @@
 
 #include "base/files.hpp"
 #include "flight/link_peer.hpp"
+#include "geodesy/angles.hpp"
+#include "imagery/codecs.hpp"
+#include "package/open_package.hpp"
+#include "package/package_maker.hpp"
 #include "recorder/recording.hpp"
 #include "service/service_rules.hpp"
 #include "support/temporary_folder.hpp"
@@ -326,6 +330,103 @@ TEST_F(PartsInFlight, APackageThatCanBeOpenedAgainIsChecked) {
   peer_.listen_until([&] { return asked == 2; });
   running_ = {};  // by itself
   EXPECT_EQ(end_, FlightEnd::reselect_package);
+}
+
+// The camera of a whole service on a gimbal, among others: of every recorded frame the attitude that it was used with.
+class CameraOnGimbal : public PartsInFlight {
+ protected:
+  struct Sender {
+    std::uint8_t system = 7, component = 154, device = 2;
+    std::uint16_t flags = GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME;
+    std::uint32_t faults = 0;
+    double from_nadir_deg = 10;
+    bool finite = true;
+  };
+
+  CameraOnGimbal() {
+    NoProgress progress;
+    options_.package = maker_.make(folder_);
+    Opening opening = open_package(options_.package, maker_.options(), progress);
+    verified_ = {std::move(opening.package), std::move(opening.findings)};
+    std::filesystem::create_directories(folder_ / "frames");
+    options_.camera = "folder:" + (folder_ / "frames").string();
+    options_.airframe.camera.camera = {160, 120, 130, 130, 80, 60, {}};
+    options_.airframe.camera.on_gimbal = true;
+    options_.airframe.gimbal = GimbalAddress{154, 2};
+    options_.recording.folder = folder_ / "record";
+  }
+
+  void send_attitude_of(const Sender& sender) {
+    const float half = static_cast<float>(radians(sender.from_nadir_deg - 90) / 2);
+    mavlink_gimbal_device_attitude_status_t status{};
+    status.q[0] = sender.finite ? std::cos(half) : NAN;
+    status.q[2] = std::sin(half);
+    status.flags = sender.flags;
+    status.failure_flags = sender.faults;
+    status.gimbal_device_id = sender.device;
+    mavlink_message_t message;
+    mavlink_msg_gimbal_device_attitude_status_encode(sender.system, sender.component, &message, &status);
+    peer_.send(message);
+  }
+
+  // What the gimbals say, then a frame, twenty times.
+  void fly(const std::vector<Sender>& speakers) {
+    for (int i = 0; i < 20; ++i, ++frames_) {
+      beats(false);
+      mavlink_message_t message;
+      mavlink_msg_attitude_pack(7, 1, &message, 0, 0, 0, 1, 0, 0, 0);
+      peer_.send(message);
+      for (const Sender& sender : speakers) send_attitude_of(sender);
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));  // as gimbals pause: frames lie between messages
+      const cv::Mat grey(120, 160, CV_8UC1, cv::Scalar(frames_));
+      const std::string name = "frame-" + std::to_string(1000 + frames_) + ".png";
+      write_file_atomic(folder_ / "made", encode_image(grey, ImageFormat::png));
+      std::filesystem::rename(folder_ / "made", folder_ / "frames" / name);
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      peer_.listen();
+    }
+  }
+
+  // Degrees of the camera from straight down, in the order of the frames; nothing: that of no gimbal.
+  std::vector<std::optional<double>> recorded_pitches() {
+    end();
+    std::vector<std::optional<double>> pitches;
+    read_recording(folder_ / "record", [&](const Recorded& recorded) {
+      const auto* input = std::get_if<InputRecord>(&recorded.record);
+      if (input == nullptr) return;
+      const auto& pitch = input->telemetry.pitch_rad;
+      pitches.push_back(pitch ? std::optional(degrees(*pitch)) : std::nullopt);
+    });
+    return pitches;
+  }
+
+  test::PackageMaker maker_;
+  int frames_ = 0;
+};
+
+// Each of the others says another angle, and would be seen.
+TEST_F(CameraOnGimbal, OnlyTheConfiguredGimbalCountsAndItsSilenceIsNoAttitude) {
+  const Sender ours;
+  const std::vector<Sender> others = {
+      {.component = 171, .from_nadir_deg = 20},
+      {.device = 1, .from_nadir_deg = 25},
+      {.system = 8, .from_nadir_deg = 30},
+      {.flags = GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME | GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME,
+       .from_nadir_deg = 35},
+      {.faults = GIMBAL_DEVICE_ERROR_FLAGS_ENCODER_ERROR, .from_nadir_deg = 40},
+      {.finite = false},
+  };
+  std::vector<Sender> all = others;
+  all.insert(all.begin() + 3, ours);
+  begin();
+  wait_until([&] { return !peer_.received(MAVLINK_MSG_ID_HEARTBEAT).empty(); });
+  fly(all);
+  fly(others);
+  const auto pitches = recorded_pitches();
+  ASSERT_FALSE(pitches.empty());
+  EXPECT_TRUE(pitches.front()) << "the first frames wait for an attitude";
+  EXPECT_FALSE(pitches.back()) << "ours has been silent";
+  for (const std::optional<double>& pitch : pitches) EXPECT_NEAR(pitch.value_or(10), 10, 0.01);
 }
 
 }  // namespace

@@ -7,12 +7,15 @@ The copy is an overlay: this system with whatever is installed below it, and eve
 is fetched. `./run package --check` does the same, and more, in a fresh Debian. Without root or overlays that part says NOT
 TESTED and the exit code is 77.
 """
+import gzip
+import io
 import os
 import pathlib
 import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tempfile
 
 FORBIDDEN = ("gdal", "proj", "curl", "exiv2", "imgcodecs", "videoio", "highgui")
@@ -90,7 +93,7 @@ def field(deb, name):
     return subprocess.run(["dpkg-deb", "-f", str(deb), name], capture_output=True, text=True, check=True).stdout.strip()
 
 
-def check_contents(root, deb):
+def check_contents(root, build, deb):
     listed = subprocess.run(["dpkg-deb", "-c", str(deb)], capture_output=True, text=True, check=True).stdout
     for path in ("usr/bin/nadird", "lib/systemd/system/nadird.service", "etc/nadir/nadird.env", "usr/share/man/man8/nadird.8.gz",
                  "usr/share/bash-completion/completions/nadird", "usr/share/zsh/vendor-completions/_nadird",
@@ -106,6 +109,13 @@ def check_contents(root, deb):
     newest = re.match(r"nadir \(([^)]*)\)", (root / "cmake/packaging/debian/changelog").read_text())[1]
     if field(deb, "Version") != newest:
         yield f"the version is {field(deb, 'Version')}, of cmake/packaging/debian/changelog {newest}"
+    maintainer = re.search(r"^NADIR_MAINTAINER:STRING=(.*)$", (build / "CMakeCache.txt").read_text(), re.M)[1]
+    unpacked = subprocess.run(["dpkg-deb", "--fsys-tarfile", str(deb)], capture_output=True, check=True).stdout
+    with tarfile.open(fileobj=io.BytesIO(unpacked)) as files:
+        changelog = gzip.decompress(files.extractfile("./usr/share/doc/nadird/changelog.Debian.gz").read()).decode()
+    for place, found in (("Maintainer", field(deb, "Maintainer")), ("changelog", re.search(r"^ -- (.*>)  ", changelog, re.M)[1])):
+        if found != maintainer:
+            yield f"{place} names {found}; NADIR_MAINTAINER is {maintainer}"
 
 
 def check_candidates(deb):
@@ -174,7 +184,7 @@ def main():
         deb = pack(build, folder / "first", "1795521600")
         again = pack(build, folder / "second", "1795521600")
         candidates = pack(build, folder / "candidates", "1795521600", "nadir-candidates")
-        problems = [*check_contents(root, deb), *check_candidates(candidates)]
+        problems = [*check_contents(root, build, deb), *check_candidates(candidates)]
         if deb.read_bytes() != again.read_bytes():
             problems.append("a second build of the package has other bytes")
         if shutil.which("lintian"):

@@ -53,6 +53,7 @@ class SimulateLoopCommand final : public Command {
   void report(Context& context, const LoopFigures& figures, const std::string& page) const;
 
   std::optional<fs::path> world_, out_, nadird_;
+  std::vector<std::string> ground_stations_;
   std::string autopilot_ = "ardupilot", circumstance_ = "denied";
   double minutes_ = 4, fps_ = 3;
   int port_ = 8750;
@@ -86,6 +87,8 @@ void SimulateLoopCommand::setup(Options& options) {
   options.value("--out", out_, "DIR", "folder to create, with world, package, recording and track.csv");
   options.value("--fps", fps_, "N", "frames per second").between(0.5, 30);
   options.value("--seed", seed_, "N", "random seed of the flight");
+  options.values("--ground-station", ground_stations_, "URL",
+                 "a ground station that nadird serves too, as its own option: udpout:127.0.0.1:14550");
   options.value("--nadird", nadird_, "FILE", "the program nadird; default: beside nadir, or on the PATH");
 }
 
@@ -252,6 +255,7 @@ LoopFigures SimulateLoopCommand::fly(const LoopInputs& inputs, const fs::path& n
   const LonLat start = frame.lonlat_from_plane(aircraft.circuit().point(0));
   std::vector<std::string> words = nadird_call(nadird, inputs, autopilot.link_endpoint(), listen, folder, start);
   if (px4) words.push_back("--switch-gps");
+  for (const std::string& url : ground_stations_) words.insert(words.end(), {"--ground-station", url});
   BackgroundProgram service(words, folder);
   wait_for_page(page, service);
   if (!context.quiet) {
