@@ -153,6 +153,7 @@ struct Localizer::Impl {
   void apply_hint();
   void weigh_hint(const TrackPrediction& track);
   AnchorPrior anchor_prior() const;
+  std::function<bool(const AnchorMatch&, double)> settles(const LookContext& context) const;  // AnchorPrior's
   LostSearch lost_search();
   AnchorMatch match_lost(const cv::Mat& grey, const AnchorPrior& prior, const LostSearch& where) const;
   PoseMeasurement anchor_measurement(const AnchorJob& job, const AnchorReport& report) const;
@@ -511,7 +512,6 @@ std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
   apply_hint();
   LookContext context;
   context.prior = anchor_prior();
-  context.prior.ambiguous = belief.track_probability() < 1 - kAmbiguousShare;
   context.lost = lost();
   context.anchored = last_anchor && tracking.unbroken();
   context.track = {.position = filter->position(),
@@ -528,8 +528,9 @@ std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
     where = lost_search();
     context.window = where->area;
   }
-  auto match_frame = [this, grey, where, begin = context.prior](const Cancel& cancel) {
+  auto match_frame = [this, grey, where, begin = context.prior, settles = settles(context)](const Cancel& cancel) {
     AnchorPrior prior = begin;
+    prior.settles = settles;
     prior.cancel = cancel;
     return where ? match_lost(grey, prior, *where) : matcher->match(grey, prior);
   };
@@ -544,6 +545,20 @@ std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
                                                .context = context,
                                                .corrected_m = matching.corrected_m,
                                                .searches_everywhere = where && !where->hint});
+}
+
+// The match would be accepted, and the chance that the aircraft is elsewhere be within the risk. By what is believed
+// now: the job runs while later frames are tracked.
+std::function<bool(const AnchorMatch&, double)> Localizer::Impl::settles(const LookContext& context) const {
+  return [belief = belief, context, odds = config.matchability != nullptr ? detection_odds() : nullptr,
+          risk = config.integrity_risk](AnchorMatch match, double log_likelihood_ratio) {
+    match.judged_log_likelihood_ratio = log_likelihood_ratio;
+    Look look = look_of(match, context);
+    look.detection_odds = odds;
+    PlaceBelief then = belief;
+    const LookResult result = then.update(look, context.track);
+    return result.accepted && result.place_doubt <= risk;
+  };
 }
 
 AnchorPrior Localizer::Impl::anchor_prior() const {

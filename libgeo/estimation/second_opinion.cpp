@@ -51,8 +51,10 @@ class SecondOpinionMatcher final : public MapMatcher {
     const bool candidate = has_candidate(found);
     if (second_ == nullptr || !found.on_map || (lost && !candidate)) return found;
     const double log_first = candidate ? log_likelihood_ratio(found, prior, area_m2) : 0;
-    const bool doubtful = prior.ambiguous || !candidate || log_first < opinion::kAskedBelow;
-    if (how_.use == SecondMatcherUse::automatic && !doubtful) return found;
+    if (how_.use == SecondMatcherUse::automatic && candidate && prior.settles &&
+        prior.settles(found, log_first + least_evidence(how_.table->first, log_first))) {
+      return found;
+    }
     AnchorPrior where = prior;
     if (lost) {
       where.search.radius_m = opinion::kConfirmedRadius_m;
@@ -130,6 +132,14 @@ double outcome_evidence(const OutcomeCounts& counts, double log_likelihood_ratio
     return expected > 0 ? std::max(0.0, std::log(expected / by_chance)) : 0;
   }
   return std::min(0.0, std::log((place[column] + 1) / (places + 1)) - std::log((chance[column] + 1) / (chances + 1)));
+}
+
+double least_evidence(const OutcomeCounts& counts, double log_likelihood_ratio) {
+  double least = 0;
+  for (std::size_t i = 0; i < OutcomeCounts::kOutcomes; ++i) {
+    least = std::min(least, outcome_evidence(counts, log_likelihood_ratio, static_cast<SecondOutcome>(i)));
+  }
+  return least;
 }
 
 SecondOutcome outcome_of(const AnchorMatch& of, const AnchorMatch& other, double other_log_likelihood_ratio) {

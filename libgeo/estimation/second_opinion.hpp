@@ -43,7 +43,7 @@
 namespace nadir {
 
 enum class SecondMatcherUse {
-  automatic,  // where the first's match is doubtful, or the belief is split
+  automatic,  // where its answer may matter
   always,     // in every look; for measurements
   never,
 };
@@ -74,6 +74,9 @@ std::size_t outcome_class(double log_likelihood_ratio);
 // chance peak, of the next class below as well.
 double outcome_evidence(const OutcomeCounts& counts, double log_likelihood_ratio, SecondOutcome outcome);
 
+// The least that any outcome makes of it, at most 0.
+double least_evidence(const OutcomeCounts& counts, double log_likelihood_ratio);
+
 // of: the candidate that is judged. Both with their ln Λ; either may have no solved pose.
 SecondOutcome outcome_of(const AnchorMatch& of, const AnchorMatch& other, double other_log_likelihood_ratio);
 
@@ -90,7 +93,8 @@ JointEvidence joint_evidence(const AnchorMatch& first, double log_first, const A
 const SecondLikelihoodTable& second_likelihood_table();
 
 // The first matcher with the second as its witness: matches are judged where the second was asked, and as before where
-// it was not. After an error of the second it is not asked again; on_failure is called once, on the thread that matches.
+// it was not. After an error of the second it is not asked again; on_failure is called once, on the thread that
+// matches.
 struct SecondOpinion {
   MapMatcherFactory first = make_channel_matcher, second;
   SecondMatcherUse use = SecondMatcherUse::automatic;

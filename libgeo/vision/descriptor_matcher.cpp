@@ -5,6 +5,7 @@
 #include <opencv2/core.hpp>
 #include <utility>
 
+#include "geodesy/angles.hpp"
 #include "vision/correlation.hpp"
 #include "vision/matching_plan.hpp"
 #include "vision/patch_matching.hpp"
@@ -244,46 +245,61 @@ class DescriptorMatcher final : public MapMatcher {
 
   std::vector<MatchHypothesis> search(const cv::Mat& grey, const SearchPrior& prior, const MapCells& map,
                                       const MatchingPlan& plan) const {
-    const ReducedFrame frame = reduce_frame(grey, map_.camera, prior.pose.agl_m, map.gsd_m);
-    std::vector<MatchHypothesis> places = sweep(frame, prior, map, plan);
-    for (std::size_t i = 0; i < std::min(kConfirmedPlaces, places.size()); ++i) {
-      confirm(places[i], frame, map, plan.options.cancel);
-    }
+    const std::vector<FrameCells> views =
+        describe_views(reduce_frame(grey, map_.camera, prior.pose.agl_m, map.gsd_m), prior, map, plan.options);
+    if (views.empty()) return {};
+    std::vector<MatchHypothesis> places = sweep(views, prior, map, plan);
     places.resize(std::min(kConfirmedPlaces, places.size()));
+    for (MatchHypothesis& place : places) confirm(place, views, map, plan.options.cancel);
     return places;
   }
 
-  std::vector<MatchHypothesis> sweep(const ReducedFrame& frame, const SearchPrior& prior, const MapCells& map,
-                                     const MatchingPlan& plan) const {
+  // The frame on the ground beneath the plane's origin, under headings so far apart that each serves those around it.
+  std::vector<FrameCells> describe_views(const ReducedFrame& frame, const SearchPrior& prior, const MapCells& map,
+                                         const SearchOptions& options) const {
+    const auto count = static_cast<int>(std::ceil(std::max(1e-9, prior.heading_range_rad / kDescribedTurn_rad)));
+    std::vector<FrameCells> views;
+    for (int i = 0; i < count; ++i) {
+      const double turn_rad = prior.heading_range_rad * ((2 * i + 1.0) / count - 1);
+      auto view = describe_frame(frame, posed(prior.pose, {turn_rad, 1}, {}), map, {}, FlatGround(), options.cancel);
+      if (!view) return {};
+      views.push_back(std::move(*view));
+    }
+    return views;
+  }
+
+  // The frame as it would be seen in this pose, by the view nearest to its heading. grid: around the pose's position.
+  static DescribedPicture seen_from(const CameraPose& pose, const std::vector<FrameCells>& views, GroundGrid grid) {
+    const auto turn_from = [&](const FrameCells& view) {
+      return wrap_pi(pose.attitude.heading_rad - view.pose.attitude.heading_rad);
+    };
+    const auto nearest = std::min_element(views.begin(), views.end(), [&](const FrameCells& a, const FrameCells& b) {
+      return std::abs(turn_from(a)) < std::abs(turn_from(b));
+    });
+    grid.west_m -= pose.position.east_m;
+    grid.north_m -= pose.position.north_m;
+    return turned(*nearest, {turn_from(*nearest), pose.agl_m / nearest->pose.agl_m}, grid);
+  }
+
+  std::vector<MatchHypothesis> sweep(const std::vector<FrameCells>& views, const SearchPrior& prior,
+                                     const MapCells& map, const MatchingPlan& plan) const {
     const SearchOptions& options = plan.options;
-    const std::vector<double> turns = offsets_within(prior.heading_range_rad, options.heading_step_rad);
-    std::vector<CellTrial> trials;
     std::vector<CameraPose> poses;
-    for (const double turn : turns) {
+    for (const double turn : offsets_within(prior.heading_range_rad, options.heading_step_rad)) {
       for (const double scale : offsets_within(prior.scale_range, options.scale_step)) {
-        trials.push_back({turn, 1 + scale});
-        poses.push_back(posed(prior.pose, trials.back(), {}));
+        poses.push_back(posed(prior.pose, {turn, 1 + scale}, {}));
       }
     }
-    const auto grid = cell_grid(frame.camera, poses, map.cell_m, {}, map.picture.mask.size());
+    const auto grid = cell_grid(map_.camera, poses, map.cell_m, {}, map.picture.mask.size());
     if (!grid) return {};
     const WindowSpectra spectra(channels_of(map.picture), cv::Size(grid->columns, grid->rows));
     const std::size_t kept = options.candidates * kWideCandidates;
     std::vector<MatchHypothesis> found;
-    std::optional<FrameCells> seen;
-    std::optional<double> described_turn;
-    for (const CellTrial& trial : trials) {
+    for (const CameraPose& pose : poses) {
       options.cancel.check();
-      if (!described_turn || trial.turn_rad > *described_turn + kDescribedTurn_rad) {
-        // It serves the headings up to as far beyond it.
-        described_turn = std::min(trial.turn_rad + kDescribedTurn_rad, (trial.turn_rad + turns.back()) / 2);
-        seen =
-            describe_frame(frame, posed(prior.pose, {*described_turn, 1}, {}), map, {}, FlatGround(), options.cancel);
-        if (!seen) return {};
-      }
-      const Channels pattern = channels_of(turned(*seen, {trial.turn_rad - *described_turn, trial.scale}, *grid));
+      const Channels pattern = channels_of(seen_from(pose, views, *grid));
       const cv::Mat scores = correlate(pattern, spectra, TemplateNorm(pattern, spectra));
-      keep_peaks(found, scores, *grid, posed(prior.pose, trial, {}), prior, map, kept, options);
+      keep_peaks(found, scores, *grid, pose, prior, map, kept, options);
     }
     return distinct_places(std::move(found), options.distinct_m, kept);
   }
@@ -316,20 +332,20 @@ class DescriptorMatcher final : public MapMatcher {
     return best_of(std::move(found), options).places;
   }
 
-  // The best pose near a hypothesis, described under its own heading and height on the map's cells.
-  void confirm(MatchHypothesis& hypothesis, const ReducedFrame& frame, const MapCells& map,
+  // The best pose near a hypothesis, on the map's cells.
+  void confirm(MatchHypothesis& hypothesis, const std::vector<FrameCells>& views, const MapCells& map,
                const Cancel& cancel) const {
     hypothesis.score = -1;
-    const auto seen = describe_frame(frame, hypothesis.pose, map, map.corner, FlatGround(), cancel);
-    if (!seen) return;
     const CameraPose begin = hypothesis.pose;
-    const cv::Point expected = map.cell_of(seen->grid), slack(kConfirmSlack_cells, kConfirmSlack_cells);
+    const auto grid = cell_grid(map_.camera, {begin}, map.cell_m, map.corner, map.picture.mask.size() * 2);
+    if (!grid) return;
+    const cv::Point expected = map.cell_of(*grid), slack(kConfirmSlack_cells, kConfirmSlack_cells);
     const cv::Size placements(2 * kConfirmSlack_cells + 1, 2 * kConfirmSlack_cells + 1);
     for (const double turn : {0.0, -kHeadingStep_rad / 2, kHeadingStep_rad / 2}) {
       for (const double scale : {0.0, -kScaleStep / 2, kScaleStep / 2}) {
         cancel.check();
         const CellTrial trial{turn, 1 + scale};
-        const DescribedPicture pattern = turned(*seen, trial, seen->grid);
+        const DescribedPicture pattern = seen_from(posed(begin, trial, begin.position), views, *grid);
         const Peak peak = best_peak(cell_scores(pattern, cv::Rect(cv::Point(), pattern.mask.size()), map.picture,
                                                 expected - slack, placements, kMinValidShare));
         if (peak.score <= hypothesis.score) continue;

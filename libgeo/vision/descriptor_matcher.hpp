@@ -7,10 +7,10 @@
 //   1. sweep: the frame's cells, turned and scaled for each heading and height within the prediction, are correlated
 //      with the map's cells over the whole window by FFT (correlation.hpp), in the map's principal channels.
 //      Descriptors bear some turn, so one description serves neighbouring headings.
-//   2. confirm: the best places are described again under their own heading, on the map's cells, and correlated
-//   directly;
-//      the ratio compares them.
-//   3. patches of 6 x 6 cells against the map around the best place, and the camera's pose from them
+//   2. confirm: at the best places the same description is correlated directly, on the map's cells, with headings and
+//      heights between those of the sweep; the ratio compares them.
+//   3. patches: the frame is described anew under the best place's pose; 6 x 6 cells against the map around them, and
+//   the camera's pose from them
 //      (pose_refinement.hpp), twice.
 //
 // A position is good to about a quarter of a cell, 1 to 2 m where g is 0.5 m: coarser than oriented channels.

@@ -539,8 +539,7 @@ inline constexpr double kLeastWeight = 1e-9;   // of a place that is kept; numer
 inline constexpr std::size_t kMaxPlaces = 15;  // beside the track; bounds the time
 inline constexpr int kProtectionLevelBisections = 40;  // to 1e-12 of the radius; numerical
 inline constexpr double kWorthKeeping = 2.303;         // ln 10: a lost look goes on elsewhere below; chosen
-inline constexpr double kAmbiguousShare = 0.05;  // weight beside the track: a second matcher looks as well; chosen
-inline constexpr double kUnambiguous = 6.908;    // ln 1000: needs no other look, for products of the frame; [looks]
+inline constexpr double kUnambiguous = 6.908;  // ln 1000: needs no other look, for products of the frame; [looks]
 
 }  // namespace belief
 
@@ -609,7 +608,6 @@ inline constexpr double kMaxCells = 1000;  // a side; bounds the memory
 // A second matcher's opinion on what the first one found.
 namespace second_opinion {
 
-inline constexpr double kAskedBelow = 6.908;  // ln ℓ of the first, ln 1000: above it needs no other look; kUnambiguous
 inline constexpr double kAgreement_cells = 2.5;  // of 8 px at the second's GSD: two places as far apart are one; chosen
 inline constexpr double kConfirmedRadius_m =
     120;  // half side of the window around what a lost look found; as looks that were counted

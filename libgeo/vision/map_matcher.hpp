@@ -21,13 +21,17 @@
 
 namespace nadir {
 
+struct AnchorMatch;
+
 struct AnchorPrior {
   SearchPrior search;
   double heading_sigma_rad = kAnchorHeadingSigma_rad;
   double log_agl_sigma = kAnchorLogAglSigma;
   Eigen::Matrix2d tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * kAnchorTiltVariance_rad2;  // pitch, roll
-  bool ambiguous = false;  // more than one place is possible by now: worth a second matcher's look (second_opinion.hpp)
-  Cancel cancel;           // not a prior: ends the attempt by Interrupted, because a search may last half a minute
+  // Whether this match would settle where the aircraft is if its ln Λ were so: then a second matcher need not look
+  // (estimation/second_opinion.hpp). Empty: nobody knows.
+  std::function<bool(const AnchorMatch& match, double log_likelihood_ratio)> settles{};
+  Cancel cancel;  // not a prior: ends the attempt by Interrupted, because a search may last half a minute
 };
 
 struct AnchorMatch {

@@ -1,6 +1,6 @@
 #include "ablation_variants.hpp"
 
-#include "bench/sift_matcher.hpp"
+#include "bench/keypoint_matcher.hpp"
 #include "cpu_time.hpp"
 
 namespace nadir::bench {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/error.hpp"
+#include "cpu_time.hpp"
 #include "estimation/localizer.hpp"
 #include "geodesy/angles.hpp"
 #include "safety_judge.hpp"
@@ -33,6 +34,8 @@ constexpr std::array kConditions = {
     LongCondition{.name = "compass deviates 9 deg", .deviation_deg = 9},
     LongCondition{
         .name = "all of these", .outliers = true, .blackout = true, .height_factor = 1.15, .heading_off_deg = 8},
+    LongCondition{.name = "night", .night = true},
+    LongCondition{.name = "old map", .old_map = true},
 };
 
 // Parallel rows over the middle of the world, in a direction drawn from the seed, with two 90 degree turns per row.
@@ -97,18 +100,22 @@ class Losses {
 
 std::span<const LongCondition> long_conditions() { return kConditions; }
 
-LongFlights::LongFlights(int worlds, int frames) : frames_(frames), photographer_(camera_file().camera) {
-  for (int i = 0; i < worlds; ++i) worlds_.push_back(std::make_unique<World>(static_cast<std::uint64_t>(i) + 1));
-}
+LongFlights::LongFlights(int worlds, int frames, std::uint64_t base_seed, MapMatcherFactory matcher)
+    : frames_(frames),
+      photographer_(camera_file().camera),
+      worlds_(worlds, first_world_of(base_seed)),
+      matcher_(std::move(matcher)) {}
 
 LongRecord LongFlights::run(std::uint64_t base_seed, std::uint64_t index,
                             const std::function<void(const std::string&)>& talk) const {
   const LongCondition& condition = kConditions[index % kConditions.size()];
   // Flights of one round differ only in their condition.
   const std::uint64_t round = index / kConditions.size(), seed = hash_of(base_seed, static_cast<std::int64_t>(round));
-  const World& world = *worlds_[round % worlds_.size()];
+  const std::size_t number = round % worlds_.all.size();
+  const World& world = *worlds_.all[number];
   const Random base(seed);
-  Random light = base.fork("light"), faults = base.fork("faults"), start = base.fork("start");
+  Random light = base.fork("light"), faults = base.fork("faults"), start = base.fork("start"),
+         night = base.fork("night");
   const double abeam = base.fork("compass").uniform(-kPi, kPi);  // the course on which the compass does not deviate
   const CameraFile file = camera_file();
   const CameraSensor sensor({file.camera.width, file.camera.height}, file.camera.fx, seed);
@@ -120,10 +127,12 @@ LongRecord LongFlights::run(std::uint64_t base_seed, std::uint64_t index,
   config.start_sigma_m = kStartSigma_m;
   config.map_sigma_m = world.map_sigma_m;
   config.surface = &world.terrain;
+  config.matcher = matcher_;
   const double north_m = start.normal(0, kStartSigma_m), east_m = start.normal(0, kStartSigma_m);
   const LonLat measured_start =
       frame().lonlat_from_plane({path.front().position.x() + east_m, path.front().position.y() + north_m});
-  Localizer localizer(file, frame(), &world.map, measured_start, config);
+  const TileSource& map = condition.old_map ? *worlds_.old_maps[number] : world.map;
+  Localizer localizer(file, frame(), &map, measured_start, config);
 
   LongRecord record;
   record.index = index;
@@ -147,6 +156,7 @@ LongRecord LongFlights::run(std::uint64_t base_seed, std::uint64_t index,
     if (!condition.blackout || !black[i]) {
       picture = photographer_.photograph(world, seen);
       sensor.expose(picture, exposure, i);
+      if (condition.night) make_night(picture, night);
     }
     const MeasuredPose measured = noise.measure(path[i]);
     Telemetry telemetry;
@@ -157,7 +167,9 @@ LongRecord LongFlights::run(std::uint64_t base_seed, std::uint64_t index,
     telemetry.pitch_rad = measured.attitude.pitch_rad;
     telemetry.roll_rad = measured.attitude.roll_rad;
     if (condition.imu) telemetry.imu_dv_mps = measured.imu_dv_mps;
+    const double begin_ms = cpu_ms();
     const FrameReport report = localizer.process(picture, telemetry);
+    record.cpu_ms += cpu_ms() - begin_ms;
     judge(report, truth, false, record);
     losses.see(report, i == 0, record);
     const auto off = error_m(report.estimate, truth);
@@ -199,6 +211,7 @@ void add(LongRecord& sum, const LongRecord& r) {
   for (const auto count : kCounts) sum.*count += r.*count;
   sum.longest_recovery = longest;
   sum.error_sum_m += r.error_sum_m;
+  sum.cpu_ms += r.cpu_ms;
   sum.worst_m = std::max(sum.worst_m, r.worst_m);
   sum.worst_sigmas = std::max(sum.worst_sigmas, r.worst_sigmas);
 }
@@ -207,30 +220,30 @@ std::string row(const LongRecord& s) {
   return fmt::format(
       "| {} | {} | {:.1f} | {:.1f} | {:.1f} | {:.1f} | {} | {} | {} | {:.1f} | {:.1f} | {} of {} | {} | {:.1f}, {:.1f} "
       "| "
-      "{:.1f} |\n",
+      "{:.1f} | {:.0f} |\n",
       s.condition, s.index, percent(s.within_20, s.frames), percent(s.within_50, s.frames),
       s.positioned == 0 ? 0 : s.error_sum_m / s.positioned, percent(s.accepted, s.attempts), s.wrong, s.misleading,
       s.overconfident, percent(s.in_50, s.positioned), percent(s.in_95, s.positioned), s.recovered, s.losses,
       s.longest_recovery, percent(s.refined_within_20, s.frames), percent(s.refined_within_50, s.frames),
-      percent(s.refined_in_95, s.frames));
+      percent(s.refined_in_95, s.frames), s.cpu_ms / std::max(1, s.frames));
 }
 
 }  // namespace
 
-std::string long_header(std::uint64_t base_seed, int worlds, int frames) {
+std::string long_header(std::uint64_t base_seed, int worlds, int frames, const std::string& second) {
   return fmt::format(
-      "# nadir bench flights, base seed {}, {} worlds, {} frames\n"
+      "# nadir bench flights, base seed {}, {} worlds, {} frames{}\n"
       "index,condition,frames,attempts,accepted,wrong,anchored,misleading,unknowable,told,overconfident,in_50,in_95,"
       "nees,worst_sigmas,worst_m,levels,within_20,within_50,refined_within_20,refined_within_50,refined_in_95,losses,"
-      "recovered,longest_recovery,error_sum_m\n",
-      base_seed, worlds, frames);
+      "recovered,longest_recovery,error_sum_m,cpu_ms\n",
+      base_seed, worlds, frames, second);
 }
 
 std::string line(const LongRecord& r) {
   std::string text = line(static_cast<const Record&>(r));
   text.pop_back();
   for (const auto count : kCounts) text += fmt::format(",{}", r.*count);
-  return text + fmt::format(",{:.2f}\n", r.error_sum_m);
+  return text + fmt::format(",{:.2f},{:.0f}\n", r.error_sum_m, r.cpu_ms);
 }
 
 LongRecord long_record_of(const std::string& text) {
@@ -240,11 +253,12 @@ LongRecord long_record_of(const std::string& text) {
   std::vector<std::string> cells;
   for (std::string cell; std::getline(in, cell, ',');) cells.push_back(cell);
   constexpr std::size_t kCommon = 17;
-  if (cells.size() != kCommon + kCounts.size() + 1) {
+  if (cells.size() != kCommon + kCounts.size() + 2) {
     throw Error({.what = "a line of results cannot be read", .found = text});
   }
   for (std::size_t i = 0; i < kCounts.size(); ++i) r.*kCounts[i] = std::stoi(cells[kCommon + i]);
-  r.error_sum_m = std::stod(cells.back());
+  r.error_sum_m = std::stod(cells[cells.size() - 2]);
+  r.cpu_ms = std::stod(cells.back());
   return r;
 }
 
@@ -252,8 +266,8 @@ std::string long_summary(const std::map<std::uint64_t, LongRecord>& records) {
   std::string text =
       "| condition | flights | < 20 m % | < 50 m % | mean m | anchored % | wrong | misleading | overconfident | in 50 "
       "% "
-      "| in 95 % | recovered | after frames | refined < 20 m, < 50 m % | refined in 95 % |\n"
-      "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n";
+      "| in 95 % | recovered | after frames | refined < 20 m, < 50 m % | refined in 95 % | CPU ms a frame |\n"
+      "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n";
   std::vector<LongRecord> sums;
   LongRecord all;
   all.condition = "all";

@@ -6,6 +6,7 @@
 
 #include "safety_camera.hpp"
 #include "safety_record.hpp"
+#include "vision/map_matcher.hpp"
 
 namespace nadir::bench {
 
@@ -18,9 +19,11 @@ struct LongRecord : Record {
   int recovered = 0;                                 // of these: anchored again
   int longest_recovery = 0;                          // usable frames until then
   double error_sum_m = 0;                            // of the frames with a position
+  double cpu_ms = 0;  // that the localizer took: the one number that differs from run to run
 };
 
-std::string long_header(std::uint64_t base_seed, int worlds, int frames);
+// second: what SecondMatcherOptions names.
+std::string long_header(std::uint64_t base_seed, int worlds, int frames, const std::string& second);
 std::string line(const LongRecord& record);
 LongRecord long_record_of(const std::string& line);  // throws Error when it is none
 
@@ -33,13 +36,16 @@ struct LongCondition {
   double height_factor = 1, heading_off_deg = 0;
   bool imu = false;          // the telemetry carries the accelerometer's change of velocity
   double deviation_deg = 0;  // of the compass: at most, by the course
+  bool night = false;
+  bool old_map = false;  // half of the map has changed
 };
 
 std::span<const LongCondition> long_conditions();
 
 class LongFlights {
  public:
-  LongFlights(int worlds, int frames);
+  // Makes the worlds. Base seeds from a million on judge: over worlds that nothing was fitted to.
+  LongFlights(int worlds, int frames, std::uint64_t base_seed, MapMatcherFactory matcher);
 
   // The same record for the same seeds; may be called by several threads. The condition is index modulo how many there
   // are. talk: receives a line for every frame.
@@ -49,7 +55,8 @@ class LongFlights {
  private:
   int frames_;
   Photographer photographer_;
-  std::vector<std::unique_ptr<World>> worlds_;
+  Worlds worlds_;
+  MapMatcherFactory matcher_;
 };
 
 }  // namespace nadir::bench

@@ -13,6 +13,7 @@
 #include "base/digest.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "counted_share.hpp"
 #include "estimation/second_opinion.hpp"
 #include "likelihood_fit.hpp"
 #include "look.hpp"
@@ -141,38 +142,75 @@ SecondOutcome outcome(const Look& of, const Look& other, double other_log_likeli
   return outcome_of(match_of(of), match_of(other), other_log_likelihood_ratio);
 }
 
-// How sure looks are by the first matcher alone, and by both: of the right ones as many as possible, of the others
-// hardly any. The mean ratio of chance peaks is 1 at most where the evidence is honest.
+// What a look comes to with both matchers, or with the first alone.
+struct Evidence {
+  bool candidate = false, right = false;
+  double ratio = 0;  // Λ; 0: no candidate
+};
+
+Evidence evidence_of(const Look& one, const Look& two, bool with_second, const SecondLikelihoodTable& table) {
+  const double log_first = one.candidate() ? log_likelihood_ratio(one.features, look_likelihood_table()) : 0;
+  JointEvidence joint{false, one.candidate() ? std::optional(log_first) : std::nullopt};
+  if (with_second) {
+    const double log_second = two.candidate() ? log_likelihood_ratio(two.features, table.look) : 0;
+    joint = joint_evidence(match_of(one), log_first, match_of(two), log_second, two.candidate(), table);
+  }
+  if (!joint.log_likelihood_ratio) return {};
+  return {true, joint.of_second ? two.right() : one.right(), std::exp(*joint.log_likelihood_ratio)};
+}
+
+std::string percent(const CountedShare& share) {
+  return fmt::format("{:.3g} ({:.2g} to {:.2g}; {})", 100 * share.share(), 100 * share.lower(), 100 * share.upper(),
+                     share.count);
+}
+
+// How often looks that cannot be right claim to be, and how often the others say what they see, by the first matcher
+// alone and by both in every look. The mean ratio of looks that cannot be right is 1 at most where the evidence is
+// honest.
 void print_joint(const Results& first, const Results& second, const SecondLikelihoodTable& table,
                  const std::vector<std::uint64_t>& indices) {
-  std::cout << "| evidence | right | of these ln Λ above 3 | above 6.9 | wrong | of these above 3 | above 6.9 | mean Λ "
-               "of the wrong "
-               "|\n|---|---|---|---|---|---|---|---|\n";
-  for (const SecondMatcherUse use : {SecondMatcherUse::never, SecondMatcherUse::automatic, SecondMatcherUse::always}) {
-    std::array<std::array<int, 3>, 2> counts{};
-    double mean = 0;
+  static constexpr std::array kRatios = {10.0, 100.0, 1000.0};
+  for (const bool holds : {false, true}) {
+    std::cout << fmt::format(
+        "| {} | number | {} | above 10, % (95 % bounds; number) | above 100, % | above 1000, % | mean ratio |\n"
+        "|---|---|---|---|---|---|---|\n",
+        holds ? "looks that hold their place" : "looks that cannot be right",
+        holds ? "candidate is the place, %" : "candidates");
+    for (const bool with_second : {false, true}) {
+      int looks = 0, candidates = 0;
+      std::array<int, kRatios.size()> above{};
+      double sum = 0;
+      for (const std::uint64_t index : indices) {
+        const Look &one = first.file.looks.at(index), &two = second.file.looks.at(index);
+        if ((one.holds_place() || two.holds_place()) != holds) continue;
+        ++looks;
+        const Evidence found = evidence_of(one, two, with_second, table);
+        if (!found.candidate || found.right != holds) continue;
+        ++candidates, sum += found.ratio;
+        for (std::size_t i = 0; i < kRatios.size(); ++i) above[i] += found.ratio > kRatios[i] ? 1 : 0;
+      }
+      std::cout << fmt::format("| {} | {} | {} |", with_second ? "with the second" : "the first alone", looks,
+                               holds ? percent({candidates, looks}) : std::to_string(candidates));
+      for (const int count : above) std::cout << fmt::format(" {} |", percent({count, looks}));
+      std::cout << fmt::format(" {:.3g} |\n", sum / std::max(1, looks));
+    }
+    std::cout << "\n";
+  }
+  // Where the place is held and another is found.
+  std::cout
+      << "| looks that hold their place and find another | above 10 | above 100 | above 1000 |\n|---|---|---|---|\n";
+  for (const bool with_second : {false, true}) {
+    int wrong = 0;
+    std::array<int, kRatios.size()> above{};
     for (const std::uint64_t index : indices) {
       const Look &one = first.file.looks.at(index), &two = second.file.looks.at(index);
-      const double log_first = one.candidate() ? log_likelihood_ratio(one.features, look_likelihood_table()) : 0;
-      const double log_second = two.candidate() ? log_likelihood_ratio(two.features, table.look) : 0;
-      JointEvidence joint{false, one.candidate() ? std::optional(log_first) : std::nullopt};
-      const bool doubtful = !one.candidate() || log_first < parameters::second_opinion::kAskedBelow;
-      if (use == SecondMatcherUse::always || (use == SecondMatcherUse::automatic && doubtful)) {
-        joint = joint_evidence(match_of(one), log_first, match_of(two), log_second, two.candidate(), table);
-      }
-      if (!joint.log_likelihood_ratio) continue;
-      const bool right = joint.of_second ? two.right() : one.right();
-      auto& [all, above3, above7] = counts[right ? 0 : 1];
-      ++all, above3 += *joint.log_likelihood_ratio > 3 ? 1 : 0;
-      above7 += *joint.log_likelihood_ratio >= parameters::belief::kUnambiguous ? 1 : 0;
-      if (!right) mean += std::exp(*joint.log_likelihood_ratio);
+      const Evidence found = evidence_of(one, two, with_second, table);
+      if (!(one.holds_place() || two.holds_place()) || !found.candidate || found.right) continue;
+      ++wrong;
+      for (std::size_t i = 0; i < kRatios.size(); ++i) above[i] += found.ratio > kRatios[i] ? 1 : 0;
     }
-    const auto& [right, wrong] = counts;
-    std::cout << fmt::format("| {} | {} | {} | {} | {} | {} | {} | {:.2f} |\n",
-                             use == SecondMatcherUse::never       ? "the first alone"
-                             : use == SecondMatcherUse::automatic ? "with the second, where it is in doubt"
-                                                                  : "with the second, always",
-                             right[0], right[1], right[2], wrong[0], wrong[1], wrong[2], mean / std::max(1, wrong[0]));
+    std::cout << fmt::format("| {}: {} | {} |\n", with_second ? "with the second" : "the first alone", wrong,
+                             fmt::join(above, " | "));
   }
   std::cout << "\n";
 }
@@ -189,6 +227,21 @@ OutcomeCounts count_outcomes(const LooksFile& of, const LookLikelihoodTable& of_
     ++(look.right() ? counts.place : counts.chance)[row][column];
   }
   return counts;
+}
+
+// The rare chance peaks that spoke for themselves, beside those of the looks that were drawn: all of a much larger set
+// (./run bench looks --chance-peaks-of). Given that the first has such a peak, what the second sees is what it would
+// see in any look, so the counts may be added.
+void add_chance_peaks(OutcomeCounts& counts, const LooksFile& first, const LooksFile& second,
+                      const LookLikelihoodTable& own) {
+  for (const auto& [index, look] : first.looks) {
+    const auto other = second.looks.find(index);
+    if (other == second.looks.end() || !look.candidate() || look.right()) continue;
+    const auto row = outcome_class(log_likelihood_ratio(look.features, look_likelihood_table()));
+    if (row == 0) continue;
+    const double log_other = other->second.candidate() ? log_likelihood_ratio(other->second.features, own) : 0;
+    ++counts.chance[row][static_cast<std::size_t>(outcome(look, other->second, log_other))];
+  }
 }
 
 void print_counts(const std::string& title, const OutcomeCounts& counts) {
@@ -215,18 +268,22 @@ void print_counts(const std::string& title, const OutcomeCounts& counts) {
 }
 
 void print_agreement(const Results& first, const Results& second, const std::vector<std::uint64_t>& indices) {
-  int both = 0, only_first = 0, only_second = 0, neither = 0, agree = 0, agree_right = 0;
+  int both = 0, only_first = 0, only_second = 0, neither = 0, agree = 0, agree_right = 0, chance = 0, chance_agree = 0;
   for (const std::uint64_t index : indices) {
     const Look &one = first.file.looks.at(index), &two = second.file.looks.at(index);
     const SecondOutcome seen = outcome(one, two, 0);
     if (one.candidate() && seen == SecondOutcome::agrees) ++agree, agree_right += one.right() && two.right() ? 1 : 0;
+    if (one.candidate() && !one.right()) ++chance, chance_agree += seen == SecondOutcome::agrees ? 1 : 0;
     if (one.window != "right") continue;
     ++(one.right() && two.right() ? both : one.right() ? only_first : two.right() ? only_second : neither);
   }
   std::cout << fmt::format(
       "{} and {}, where the window holds the place: both right {}, only the first {}, only the second {}, neither {}.\n"
-      "In all windows they agree {} times, and {} of these are wrong.\n\n",
-      first.matcher, second.matcher, both, only_first, only_second, neither, agree, agree - agree_right);
+      "In all windows they agree {} times, and {} of these are wrong. Where the first has a chance peak, the second "
+      "agrees "
+      "in {} of {} looks ({:.1f} %).\n\n",
+      first.matcher, second.matcher, both, only_first, only_second, neither, agree, agree - agree_right, chance_agree,
+      chance, 100.0 * chance_agree / std::max(1, chance));
 }
 
 std::string text_of(const OutcomeCounts::Counts& counts) {
@@ -271,11 +328,14 @@ inline constexpr SecondLikelihoodTable kSecondLikelihoodTable{{
 int main(int argc, char** argv) {
   CLI::App app("Map matchers side by side, and the table of a second one.", "matchers");
   std::vector<std::filesystem::path> files;
+  std::vector<std::filesystem::path> rare;
   std::filesystem::path table, model;
   app.add_option("FILES", files,
                  "results of ./run bench looks --matcher, of the same looks; the first two are compared")
       ->required()
       ->expected(1, 8);
+  app.add_option("--chance-peaks", rare,
+                 "with --write: looks of --chance-peaks-of by the first and the second, pair by pair; counted as well");
   app.add_option("--write", table, "count the table of the second as a witness of the first, and write it here");
   app.add_option("--model", model, "with --write: the second's network, whose digest the table names");
   CLI11_PARSE(app, argc, argv);
@@ -301,7 +361,10 @@ int main(int argc, char** argv) {
       fitted = fit(set, sha256(as_bytes(packed(set))).hex());
     }
     const LookLikelihoodTable& own = fitted ? fitted->table : second_likelihood_table().look;
-    const OutcomeCounts of_first = count_outcomes(first, look_likelihood_table(), second, own, indices);
+    OutcomeCounts of_first = count_outcomes(first, look_likelihood_table(), second, own, indices);
+    for (std::size_t i = 0; i + 1 < rare.size(); i += 2) {
+      add_chance_peaks(of_first, read_results(rare[i]).file, read_results(rare[i + 1]).file, own);
+    }
     const OutcomeCounts of_second = count_outcomes(second, own, first, look_likelihood_table(), indices);
     print_counts(all[0].matcher, of_first);
     print_counts(all[1].matcher, of_second);

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Map matchers side by side at the same looks: oriented channels, a descriptor network, SIFT. Real sets where the data folder is.
+# Map matchers side by side at the same looks: oriented channels, a descriptor network, its keypoints (XFeat), SIFT. Real sets where the
+# data folder is.
 #
 # usage: ./run bench matchers MODEL.onnx [--looks N] [--results DIR] [--write]
 #   --looks N      looks of each matcher (1000); results that are there are kept and continued
@@ -14,7 +15,7 @@ while [[ $# -gt 0 ]]; do
     --looks) looks=$2; shift 2 ;;
     --results) results=$2; shift 2 ;;
     --write) write=1; shift ;;
-    -h | --help) sed -n '2,8s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 0 ;;
+    -h | --help) sed -n '2,9s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 0 ;;
     *) model=$1; shift ;;
   esac
 done
@@ -38,5 +39,7 @@ if [[ -n $write ]]; then
   build/bin/bench_matchers "${files[@]}" --model "$model" --write libgeo/estimation/second_likelihood_table.hpp
   exit
 fi
+take keypoints "keypoints:$model"
 take sift sift
-build/bin/bench_matchers "${files[@]}" "$results/$kind-sift.csv"
+build/bin/bench_matchers "${files[@]}" "$results/$kind-keypoints.csv" "$results/$kind-sift.csv"
+build/bin/bench_matchers "$results/$kind-channels.csv" "$results/$kind-keypoints.csv"    # how far these two err together

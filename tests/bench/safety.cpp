@@ -9,6 +9,7 @@
 #include "base/files.hpp"
 #include "base/platform.hpp"
 #include "safety_segment.hpp"
+#include "second_matcher_options.hpp"
 #include "seeded_runs.hpp"
 
 using namespace nadir;
@@ -16,18 +17,19 @@ using namespace nadir::bench;
 
 namespace {
 
-int run(const RunOptions& options, const std::vector<std::uint64_t>& only, bool verbose,
+int run(const RunOptions& options, SecondMatcherOptions second, const std::vector<std::uint64_t>& only, bool verbose,
         const std::filesystem::path& plot) {
   cv::setNumThreads(1);
   keep_freed_memory();
-  const Segments segments(only.empty() && options.count == 0 ? 0 : options.worlds,
-                          options.seed);  // none only to print a table
+  const Segments segments(only.empty() && options.count == 0 ? 0 : options.worlds,  // none only to print a table
+                          options.seed, second.matcher());
   std::function<void(const std::string&)> talk;
   if (verbose) talk = [](const std::string& text) { std::cout << text << std::flush; };
   std::map<std::uint64_t, Record> records;
   for (const std::uint64_t index : only) records[index] = segments.run(options.seed, index, talk);
   if (only.empty()) {
-    records = run_all<Record>(options, header(options.seed, options.worlds), record_of, [&](std::uint64_t i) {
+    const std::string head = header(options.seed, options.worlds, second.name());
+    records = run_all<Record>(options, head, record_of, [&](std::uint64_t i) {
       std::string lines;  // of one segment together, whatever the other threads fly
       const Record record =
           segments.run(options.seed, i, verbose ? [&](const std::string& text) { lines += text; } : talk);
@@ -39,7 +41,8 @@ int run(const RunOptions& options, const std::vector<std::uint64_t>& only, bool 
   if (!plot.empty()) write_file_atomic(plot, stanford_svg("short flights under faults", all_levels(records)));
   std::cout << summary(records, options.seed) << "\n"
             << level_summary(records) << "\n"
-            << fmt::format("{} segments, base seed {}, {} worlds\n", records.size(), options.seed, options.worlds);
+            << fmt::format("{} segments, base seed {}, {} worlds{}\n", records.size(), options.seed, options.worlds,
+                           second.name());
   return std::any_of(records.begin(), records.end(), [](const auto& r) { return r.second.violates(); }) ? 1 : 0;
 }
 
@@ -50,6 +53,8 @@ int main(int argc, char** argv) {
   RunOptions options;
   options.count = 10'000;
   options.add_to(app, "segments");
+  SecondMatcherOptions second;
+  second.add_to(app);
   std::vector<std::uint64_t> only;
   app.add_option("--only", only, "run the segments of these indices alone");
   bool verbose = false;
@@ -58,7 +63,7 @@ int main(int argc, char** argv) {
   app.add_option("--svg", plot, "draw the Stanford diagram into this file");
   CLI11_PARSE(app, argc, argv);
   try {
-    return run(options, only, verbose, plot);
+    return run(options, second, only, verbose, plot);
   } catch (const std::exception& error) {
     std::cerr << "safety: " << error.what() << "\n";
     return 2;

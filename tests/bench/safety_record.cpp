@@ -37,8 +37,8 @@ std::string row(const Record& s) {
 
 }  // namespace
 
-std::string header(std::uint64_t base_seed, int worlds) {
-  return fmt::format("# nadir bench safety, base seed {}, {} worlds\n{}", base_seed, worlds, kColumns);
+std::string header(std::uint64_t base_seed, int worlds, const std::string& second) {
+  return fmt::format("# nadir bench safety, base seed {}, {} worlds{}\n{}", base_seed, worlds, second, kColumns);
 }
 
 std::string line(const Record& r) {

@@ -32,7 +32,8 @@ struct Record {
   bool violates() const { return wrong > 0 || misleading > 0; }
 };
 
-std::string header(std::uint64_t base_seed, int worlds);  // two lines: what it is, and the columns
+// Two lines: what it is, and the columns. second: what SecondMatcherOptions names.
+std::string header(std::uint64_t base_seed, int worlds, const std::string& second);
 std::string line(const Record& record);
 
 Record record_of(const std::string& line);  // throws Error when it is none

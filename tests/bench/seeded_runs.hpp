@@ -3,11 +3,13 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <map>
 #include <mutex>
 #include <thread>
+#include <vector>
 
 #include "results_file.hpp"
 
@@ -34,8 +36,10 @@ struct RunOptions {
 };
 
 // parse: a line of the file to a result. job: an index to a result. Results have .index and line(result).
+// chosen: the indices; empty: the first so many.
 template <typename Result, typename Parse, typename Job>
-std::map<std::uint64_t, Result> run_all(const RunOptions& options, const std::string& header, Parse parse, Job job) {
+std::map<std::uint64_t, Result> run_all(const RunOptions& options, const std::string& header, Parse parse, Job job,
+                                        const std::vector<std::uint64_t>& chosen = {}) {
   ResultsFile file(options.results, header);
   std::map<std::uint64_t, Result> results;
   for (const std::string& text : file.lines()) {
@@ -46,7 +50,9 @@ std::map<std::uint64_t, Result> run_all(const RunOptions& options, const std::st
   std::mutex mutex;
   std::atomic<std::uint64_t> next{0};
   const auto work = [&] {
-    for (std::uint64_t i = next++; i < options.count && std::chrono::steady_clock::now() < end; i = next++) {
+    const std::uint64_t count = chosen.empty() ? options.count : std::min(options.count, chosen.size());
+    for (std::uint64_t at = next++; at < count && std::chrono::steady_clock::now() < end; at = next++) {
+      const std::uint64_t i = chosen.empty() ? at : chosen[at];
       {
         const std::lock_guard lock(mutex);
         if (results.contains(i)) continue;

@@ -2,7 +2,7 @@
 // is not, nothing is confident.
 #include "vision/map_matcher.hpp"
 #include "bench/flow_odometry.hpp"
-#include "bench/sift_matcher.hpp"
+#include "bench/keypoint_matcher.hpp"
 
 #include <gtest/gtest.h>
 

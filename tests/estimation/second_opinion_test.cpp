@@ -179,18 +179,33 @@ TEST_F(Opinion, SilenceOfTheFirstLeavesTheSecond) {
   EXPECT_EQ(match.solved->pose.position.east_m, 1012);
 }
 
-TEST_F(Opinion, IsAskedWhereTheFirstIsInDoubt) {
-  first_.ratio = 0.2;
-  first_.place = PlanePoint{1010, 2010};
-  ASSERT_GE(by_itself(), parameters::second_opinion::kAskedBelow) << "a clear match";
+// Even if it contradicted, the match would settle where the aircraft is.
+TEST_F(Opinion, IsNotAskedWhereItsAnswerCannotMatter) {
+  double needed = by_itself() - 20;
+  std::vector<double> weighed;
+  prior_.settles = [&](const AnchorMatch& match, double log_likelihood_ratio) {
+    EXPECT_EQ(match.solved->pose.position.east_m, 1010);
+    weighed.push_back(log_likelihood_ratio);
+    return log_likelihood_ratio >= needed;
+  };
   EXPECT_FALSE(look(SecondMatcherUse::automatic).judged_log_likelihood_ratio);
   EXPECT_EQ(second_.asked, 0);
-  prior_.ambiguous = true;  // the belief is split
+  ASSERT_EQ(weighed.size(), 1U);
+  EXPECT_DOUBLE_EQ(weighed.front(), by_itself() + least_evidence(table_.first, by_itself()));
+  EXPECT_LT(weighed.front(), by_itself() - 1);
+
+  needed = by_itself();  // as it is, but not where the second contradicts
   EXPECT_TRUE(look().judged_log_likelihood_ratio);
-  prior_.ambiguous = false;
-  first_.ratio = 0.97;
+  EXPECT_EQ(second_.asked, 1);
+  first_.place.reset();  // there is nothing to settle
+  needed = -100;
   EXPECT_TRUE(look().judged_log_likelihood_ratio);
   EXPECT_EQ(second_.asked, 2);
+}
+
+TEST_F(Opinion, IsAskedWhereNobodyKnowsWhatWouldSettle) {
+  EXPECT_TRUE(look(SecondMatcherUse::automatic).judged_log_likelihood_ratio);
+  EXPECT_EQ(second_.asked, 1);
 }
 
 TEST_F(Opinion, OffTheMapItIsNotAsked) {
@@ -242,6 +257,42 @@ TEST(SecondOpinionFlight, ChangesNothingUntilItIsAsked) {
     EXPECT_EQ(alone.first[i].hpl_m, never.first[i].hpl_m);
   }
   EXPECT_GE(always.second, alone.second);
+}
+
+// The belief says when: in a flight that is anchored and matches well, it is not asked any more.
+TEST(SecondOpinionFlight, AsksOnlyUntilTheFlightIsSettled) {
+  class Counted final : public MapMatcher {
+   public:
+    Counted(const MatcherMap& map, std::vector<bool>& asked)
+        : matcher_(make_descriptor_matcher(map, std::make_shared<GradientNetwork>())), asked_(asked) {}
+    AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) override {
+      asked_.back() = true;
+      return matcher_->match(grey, prior);
+    }
+    AnchorMatch match_anywhere(const cv::Mat& grey, const AnchorPrior& prior, const PlaneBox& area) override {
+      return matcher_->match_anywhere(grey, prior, area);
+    }
+
+   private:
+    std::unique_ptr<MapMatcher> matcher_;
+    std::vector<bool>& asked_;
+  };
+  static const SecondLikelihoodTable kTable = table();
+  std::vector<bool> asked;
+  LocalizerConfig configured = config();
+  configured.matcher = make_second_opinion(
+      {.second = [&](const MatcherMap& map) { return std::make_unique<Counted>(map, asked); }, .table = &kTable});
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), configured);
+  for (const Moment& flown : short_flight()) {
+    asked.push_back(false);
+    const FrameReport report = localizer.process(flown.image, flown.telemetry);
+    if (!asked.back()) {
+      EXPECT_EQ(report.anchor.verdict, AnchorVerdict::accepted);
+      EXPECT_TRUE(report.estimate.hpl_m);
+    }
+  }
+  EXPECT_TRUE(asked.front()) << "the start may be wrong";
+  EXPECT_FALSE(asked.back());
 }
 
 // The whole path: an ONNX file, the plug-in, ONNX Runtime, the matcher, a place. The network is one convolution.

@@ -1,8 +1,9 @@
-#include "bench/sift_matcher.hpp"
+#include "bench/keypoint_matcher.hpp"
 
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/features2d.hpp>
@@ -31,17 +32,12 @@ constexpr double kGuidedReach_px = 12;
 constexpr double kKeypointSigma_px = 0.8;
 constexpr double kFeature_px = 24;  // the ground that a feature stands for
 
-struct SiftFeatures {
-  std::vector<cv::KeyPoint> points;
-  FeatureDescriptors descriptors;
-};
-
 // The same points in the rectified frame and in the map window, in pixels. Many of them may be wrong.
-struct SiftPairs {
+struct PointPairs {
   std::vector<cv::Point2f> frame, map;
 };
 
-struct SiftHypotheses {
+struct KeypointHypotheses {
   std::vector<MatchHypothesis> places;  // the score is the share of the pairs that agree
   double chance = 0;                    // the score that any place reaches
 };
@@ -91,7 +87,7 @@ std::optional<CameraPose> pose_through(const cv::Matx33d& homography, const Rect
   return pose;
 }
 
-std::optional<Agreement> agreement_of(const SiftPairs& pairs, const RectifiedFrame& frame, const MapWindow& map,
+std::optional<Agreement> agreement_of(const PointPairs& pairs, const RectifiedFrame& frame, const MapWindow& map,
                                       const SearchPrior& prior) {
   if (pairs.frame.size() < kMinAgreeing) return std::nullopt;
   std::vector<std::uint8_t> inlier;
@@ -116,24 +112,23 @@ MatchHypothesis hypothesis_of(const Agreement& agreement, std::size_t pairs) {
   return hypothesis;
 }
 
-SiftFeatures sift_features(const cv::Mat& grey, const cv::Mat& mask, int most) {
-  SiftFeatures features;
-  cv::Mat descriptors, inner;
-  cv::erode(mask, inner, cv::getStructuringElement(cv::MORPH_RECT, {9, 9}), {-1, -1}, 1, cv::BORDER_CONSTANT,
-            cv::Scalar(255));
-  cv::SIFT::create(most, 3, kSiftContrast)->detectAndCompute(grey, inner, features.points, descriptors);
-  features.descriptors = FeatureDescriptors(descriptors);
-  return features;
-}
-
-SiftPairs sift_pairs(const SiftFeatures& frame, const SiftFeatures& map) {
-  SiftPairs pairs;
-  for (const FeatureMatch& match : unambiguous_matches(frame.descriptors, map.descriptors, kMatchRatio)) {
-    pairs.frame.push_back(frame.points[match.first].pt);
-    pairs.map.push_back(map.points[match.second].pt);
+class Sift final : public KeypointBackend {
+ public:
+  KeypointSet find(const cv::Mat& grey, const cv::Mat& mask, int most) override {
+    KeypointSet found;
+    std::vector<cv::KeyPoint> points;
+    cv::Mat inner;
+    cv::erode(mask, inner, cv::getStructuringElement(cv::MORPH_RECT, {9, 9}), {-1, -1}, 1, cv::BORDER_CONSTANT,
+              cv::Scalar(255));
+    cv::SIFT::create(most, 3, kSiftContrast)->detectAndCompute(grey, inner, points, found.descriptors);
+    cv::KeyPoint::convert(points, found.points);
+    return found;
   }
-  return pairs;
-}
+  std::vector<FeatureMatch> pairs(const KeypointSet& frame, const KeypointSet& map) override {
+    return unambiguous_matches(FeatureDescriptors(frame.descriptors), FeatureDescriptors(map.descriptors), kMatchRatio);
+  }
+  double most_frame_px() const override { return std::numeric_limits<double>::infinity(); }
+};
 
 // OpenCV's pixels: the centre of one has whole numbers.
 PlanePoint plane_of(const GroundGrid& grid, const cv::Point2f& pixel) {
@@ -146,16 +141,16 @@ PlanePoint plane_of(const MapWindow& map, const cv::Point2f& pixel) {
 
 // The place that most pairs agree on, and the one that most of those agree on that support another place. `frame` was
 // rectified with the prior's pose; a place lies within the prior's window.
-SiftHypotheses sift_hypotheses(const SiftPairs& pairs, const RectifiedFrame& frame, const MapWindow& map,
-                               const SearchPrior& prior, double distinct_m) {
-  SiftHypotheses found;
+KeypointHypotheses keypoint_hypotheses(const PointPairs& pairs, const RectifiedFrame& frame, const MapWindow& map,
+                                       const SearchPrior& prior, double distinct_m) {
+  KeypointHypotheses found;
   const auto best = agreement_of(pairs, frame, map, prior);
   if (!best) return found;
   found.chance = static_cast<double>(kMinAgreeing) / static_cast<double>(pairs.frame.size());
   found.places.push_back(hypothesis_of(*best, pairs.frame.size()));
   const Eigen::Vector2d moved(best->pose.position.east_m - prior.pose.position.east_m,
                               best->pose.position.north_m - prior.pose.position.north_m);
-  SiftPairs others;
+  PointPairs others;
   for (std::size_t i = 0; i < pairs.frame.size(); ++i) {
     const PlanePoint from = plane_of(frame.grid, pairs.frame[i]);
     const PlanePoint to = plane_of(map, pairs.map[i]);
@@ -170,9 +165,10 @@ SiftHypotheses sift_hypotheses(const SiftPairs& pairs, const RectifiedFrame& fra
   return found;
 }
 
-class SiftMatcher final : public MapMatcher {
+class KeypointMatcher final : public MapMatcher {
  public:
-  explicit SiftMatcher(const MatcherMap& map) : map_(map) {}
+  KeypointMatcher(const MatcherMap& map, std::shared_ptr<KeypointBackend> backend)
+      : map_(map), backend_(std::move(backend)) {}
 
   AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) override {
     return match_in(grey, prior, {prior.search});
@@ -184,11 +180,13 @@ class SiftMatcher final : public MapMatcher {
 
  private:
   AnchorMatch match_in(const cv::Mat& grey, const AnchorPrior& prior, const std::vector<SearchPrior>& windows) const {
-    const auto plan = matching_plan(map_.camera, map_.tiles.zooms(), map_.frame, prior.search);
+    auto plan = matching_plan(map_.camera, map_.tiles.zooms(), map_.frame, prior.search);
     if (!plan) return {};
+    plan->scale.fine_gsd_m = std::max(
+        plan->scale.fine_gsd_m, footprint_side_m(map_.camera, prior.search.pose.agl_m) / backend_->most_frame_px());
     AnchorMatch match = begin_match(*plan);
     match.on_map = false;
-    SiftHypotheses all;
+    KeypointHypotheses all;
     for (const SearchPrior& search : windows) {
       prior.cancel.check();
       const double half_m = search.radius_m + plan->reach_m;
@@ -197,7 +195,7 @@ class SiftMatcher final : public MapMatcher {
           read_map_window(map_.tiles, map_.frame, square_around(search.pose.position, half_m), gsd_m, Colour::grey);
       if (cv::countNonZero(window.mask) == 0) continue;
       match.on_map = true;
-      const SiftHypotheses found = search_window(grey, search, window, plan->options.distinct_m);
+      const KeypointHypotheses found = search_window(grey, search, window, plan->options.distinct_m);
       all.places.insert(all.places.end(), found.places.begin(), found.places.end());
       all.chance = std::max(all.chance, found.chance);
     }
@@ -210,8 +208,8 @@ class SiftMatcher final : public MapMatcher {
     return match;
   }
 
-  SiftHypotheses search_window(const cv::Mat& grey, const SearchPrior& search, const MapWindow& window,
-                               double distinct_m) const {
+  KeypointHypotheses search_window(const cv::Mat& grey, const SearchPrior& search, const MapWindow& window,
+                                   double distinct_m) const {
     const auto box = footprint_of(map_.camera, search.pose);
     if (!box) return {};
     GroundGrid grid{box->west_m, box->north_m, window.gsd_m, 0, 0};
@@ -219,9 +217,9 @@ class SiftMatcher final : public MapMatcher {
     grid.rows = static_cast<int>(std::ceil((box->north_m - box->south_m) / grid.gsd_m));
     const RectifiedFrame frame =
         rectify(reduce_frame(grey, map_.camera, search.pose.agl_m, grid.gsd_m), search.pose, grid, map_.surface);
-    const SiftPairs pairs = sift_pairs(sift_features(frame.image, frame.mask, kMaxFrameFeatures),
-                                       sift_features(window.image, window.mask, kMaxMapFeatures));
-    return sift_hypotheses(pairs, frame, window, search, distinct_m);
+    const PointPairs pairs = paired(backend_->find(frame.image, frame.mask, kMaxFrameFeatures),
+                                    backend_->find(window.image, window.mask, kMaxMapFeatures));
+    return keypoint_hypotheses(pairs, frame, window, search, distinct_m);
   }
 
   // Near a known place few features can be confused: twice, the second time with the solved pose.
@@ -233,7 +231,7 @@ class SiftMatcher final : public MapMatcher {
     const MapWindow map =
         read_map_window(map_.tiles, map_.frame, square_around(begin.position, kSlack_m + plan.reach_m),
                         plan.scale.fine_gsd_m, Colour::grey);
-    const SiftFeatures on_map = sift_features(map.image, map.mask, kMaxMapFeatures);
+    const KeypointSet on_map = backend_->find(map.image, map.mask, kMaxMapFeatures);
     PoseRefinement refinement(map_.camera, there, begin, map, map_.surface);
     const ReducedFrame frame = reduce_frame(grey, map_.camera, begin.agl_m, map.gsd_m);
     for (const double inlier_px : {7.0, 3.5}) {
@@ -241,12 +239,21 @@ class SiftMatcher final : public MapMatcher {
       if (!grid) return;
       const CameraPose pose = refinement.pose();
       const RectifiedFrame rectified = rectify(frame, pose, *grid, map_.surface);
-      const SiftPairs pairs = sift_pairs(sift_features(rectified.image, rectified.mask, kMaxFrameFeatures), on_map);
+      const PointPairs pairs = paired(backend_->find(rectified.image, rectified.mask, kMaxFrameFeatures), on_map);
       if (!refinement.solve(match, near_pairs(pairs, rectified, map), rectified, pose, inlier_px, kFeature_px)) return;
     }
   }
 
-  static PatchMatches near_pairs(const SiftPairs& pairs, const RectifiedFrame& frame, const MapWindow& map) {
+  PointPairs paired(const KeypointSet& frame, const KeypointSet& map) const {
+    PointPairs pairs;
+    for (const FeatureMatch& match : backend_->pairs(frame, map)) {
+      pairs.frame.push_back(frame.points[match.first]);
+      pairs.map.push_back(map.points[match.second]);
+    }
+    return pairs;
+  }
+
+  static PatchMatches near_pairs(const PointPairs& pairs, const RectifiedFrame& frame, const MapWindow& map) {
     PatchMatches near;
     near.tried = static_cast<int>(pairs.frame.size());
     const double sigma_m = kKeypointSigma_px * map.gsd_m;
@@ -264,10 +271,17 @@ class SiftMatcher final : public MapMatcher {
   }
 
   MatcherMap map_;
+  std::shared_ptr<KeypointBackend> backend_;
 };
 
 }  // namespace
 
-std::unique_ptr<MapMatcher> make_sift_matcher(const MatcherMap& map) { return std::make_unique<SiftMatcher>(map); }
+std::unique_ptr<MapMatcher> make_keypoint_matcher(const MatcherMap& map, std::shared_ptr<KeypointBackend> backend) {
+  return std::make_unique<KeypointMatcher>(map, std::move(backend));
+}
+
+std::unique_ptr<MapMatcher> make_sift_matcher(const MatcherMap& map) {
+  return make_keypoint_matcher(map, std::make_shared<Sift>());
+}
 
 }  // namespace nadir
