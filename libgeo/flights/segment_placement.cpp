@@ -95,6 +95,13 @@ std::vector<std::size_t> spread_frames(const SegmentShape& shape, std::size_t co
   return frames;
 }
 
+// The part of a position's covariance that the error of the measured tilt causes: with C the covariance of position and
+// tilt, and Σ that of the tilt as measured, C Σ⁻¹ Cᵀ.
+Eigen::Matrix2d tilt_covariance_m2(const SolvedPose& solved, const Eigen::Matrix2d& tilt_covariance_rad2) {
+  const Eigen::Matrix2d with_tilt = solved.covariance.block<2, 2>(0, 4);
+  return with_tilt * tilt_covariance_rad2.inverse() * with_tilt.transpose();
+}
+
 double gaussian(const Eigen::Vector2d& off_m, const Eigen::Matrix2d& covariance_m2) {
   return std::exp(-off_m.dot(covariance_m2.inverse() * off_m) / 2) /
          (2 * std::numbers::pi * std::sqrt(covariance_m2.determinant()));
@@ -367,15 +374,18 @@ void SegmentPlacement::look(Hypothesis& hypothesis, const Cancel& cancel) {
   hypothesis.looked.push_back(index);
   hypothesis.log_odds += new_ground * std::log(likelihood);
   if (!look.candidate || chi2 > belief::kChi2_999 || visible * hit < likelihood / 2) return;
-  const double heading_variance = match.solved->covariance(3, 3) * anchor_model_error_factor(context.tilt_missing);
   // What no model has, and the slope of the ground, over which all looks of a segment err alike, are no part of what
   // they average out: the whole has an allowance for both (common_variance_m2()). As evidence a look may differ by
-  // them. A slope that moves looks farther than the allowance stays with them: a narrow lens, or no measured tilt.
+  // them. A slope that moves looks farther than the allowance stays with them: a narrow lens, or no measured tilt. The
+  // error of the tilt counts as it is stated: the factor is for what the solver does not model of the ground.
+  const double factor = anchor_model_error_factor(context.tilt_missing);
   const double allowed_m2 = unmodelled_variance_m2(context.agl_m);
   const Eigen::Matrix2d& slope_m2 = match.solved->slope_covariance_m2;
+  const Eigen::Matrix2d tilt_m2 = tilt_covariance_m2(*match.solved, context.prior.tilt_covariance_rad2);
   const double shared = std::min(1.0, 2 * allowed_m2 / std::max(slope_m2.trace(), allowed_m2));
   const Eigen::Matrix2d own_m2 = look.candidate->covariance_m2 - allowed_m2 * Eigen::Matrix2d::Identity() -
-                                 shared * anchor_model_error_factor(context.tilt_missing) * slope_m2;
+                                 factor * shared * slope_m2 - (factor - 1) * tilt_m2;
+  const double heading_variance = factor * match.solved->covariance(3, 3);
   hypothesis.similarity.add({.index = index,
                              .position = look.candidate->position,
                              .covariance_m2 = own_m2,

@@ -125,6 +125,7 @@ std::optional<CandidateMaker::PreparedFrame> CandidateMaker::prepare(const Posed
   report.refusal =
       check_blur_eligible(blur_of(grey), tile_gsd_m / gsd_at(frame.reduced.camera, pose.agl_m), flight_.limits);
   if (report.refusal) return std::nullopt;
+  seen.correction.apply(frame.reduced.image, frame.reduced.camera);
   frame.sidecar.quality.sharpness_ppm = ppm(quality.sharpness);
   frame.sidecar.quality.overlap_ppm = ppm(1);
   return frame;

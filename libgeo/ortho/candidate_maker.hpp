@@ -16,6 +16,7 @@
 #include "ortho/candidate_store.hpp"
 #include "ortho/eligibility.hpp"
 #include "ortho/orthorectifier.hpp"
+#include "ortho/radiometric_balance.hpp"
 #include "ortho/tile_mosaic.hpp"
 #include "vision/adjusted_lens.hpp"
 
@@ -44,6 +45,7 @@ struct PosedFrame {
   std::string name;
   UtcMillis captured_at;
   FramePose pose;
+  RadiometricCorrection correction{};  // of what the tiles show; whether there are any is decided before
 };
 
 // What one frame contributed.

@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
 """Flights from pictures, adjusted as a whole: errors online, smoothed and adjusted.
 
-usage: adjusted.py BUILD [--data DIR] [--seeds N] [--only fengyuan|arroio|simulated]
+usage: adjusted.py BUILD [--data DIR] [--seeds N] [--only fengyuan|arroio|simulated] [--mosaics DIR]
 
 Real photos (shared/data, see its README) go through `nadir replay --adjust`; where they are missing it says NOT RUN. Simulated
 flights through bench_adjusted_flight. Errors are given as they are, and with their median offset taken out, which is mostly
-the map's own (fengyuan: about 5 m). The truth of arroio is where the middle of each picture lies, by hand, not where the camera
-was: what that differs by in the aircraft's axes, its median, is taken out as well.
+the map's own (fengyuan: about 5 m). The truth of arroio is where the middle of each picture lies, by hand and by an independent
+registration on the same map, not where the camera was: what that differs by in the aircraft's axes, its median, is taken out as well.
+The orthophoto of the adjusted poses is measured by bench_mosaic: seams, and steps of exposure before and after they are balanced.
+--mosaics DIR keeps its pictures.
 """
 import argparse
 import csv
@@ -20,8 +22,8 @@ import sys
 import tempfile
 
 SETS = {
-    "fengyuan": {"map": "map.tif", "start": "120.720208,24.262133", "at": "2024-11-05", "truth": "truth.csv", "of": "camera"},
-    "arroio": {"map": "map_2014-01.tif", "start": None, "at": "2014-06-05", "truth": "truth.csv", "of": "middle of the picture"},
+    "fengyuan": {"map": "map.tif", "start": "120.720208,24.262133", "at": "2024-11-05", "of": "camera", "shrink": 4},
+    "arroio": {"map": "map_2014-01.tif", "start": None, "at": "2014-06-05", "of": "middle of the picture", "shrink": 2},
 }
 
 
@@ -30,6 +32,26 @@ def run(*command):
     if result.returncode not in (0, 1):
         sys.exit(f"{' '.join(map(str, command))}\n{result.stderr}")
     return result.stdout
+
+
+def truths(place):
+    """(name, {frame: (lat, lon)}) of each truth that the set has."""
+    stated = {row["frame"]: (float(row["lat_deg"]), float(row["lon_deg"]))
+              for row in csv.DictReader((place / "truth.csv").read_text().splitlines()) if row["lat_deg"]}
+    found = [("truth.csv", stated)]
+    if (place / "registered.csv").exists():
+        # By how much the registration on this map moves the stated place; only where both maps' registrations are sound.
+        moved = {}
+        for row in csv.DictReader((place / "registered.csv").read_text().splitlines()):
+            if row["frame"] not in stated or not all(int(row[f"{of}_inliers"] or 0) >= 15 for of in ("jan", "mar")):
+                continue
+            east, north = float(row["jan_east_err_m"]), float(row["jan_north_err_m"])
+            if max(math.hypot(east, north), math.hypot(float(row["mar_east_err_m"]), float(row["mar_north_err_m"]))) > 20:
+                continue
+            lat, lon = stated[row["frame"]]
+            moved[row["frame"]] = (lat + north / 111000, lon + east / (111319.49 * math.cos(math.radians(lat))))
+        found.append(("registered.csv", moved))
+    return found
 
 
 def offsets(estimates, truth):
@@ -72,7 +94,8 @@ def figures(found, frames, headings):
             f"| {statistics.median(free):.2f} / {rms(free):.2f} | {p95:.2f} |")
 
 
-def real(nadir, data, name, folder):
+def real(programs, data, name, folder, mosaics):
+    nadir = programs / "nadir"
     place, options = data / name, SETS[name]
     if not (place / "telemetry.csv").exists():
         print(f"{name}: NOT RUN, {place} is missing")
@@ -88,14 +111,13 @@ def real(nadir, data, name, folder):
     start = [] if options["start"] is None else [f"--start={options['start']}"]
     summary = json.loads(run(nadir, "replay", "--package", work / "package", "--trust", work / "root.json", "--at", options["at"], "--frames",
                              place / "frames", "--telemetry", place / "telemetry.csv", "--camera", place / "camera.yaml", *start, "--truth",
-                             place / options["truth"], "--adjust", "--out", work / "out", "--json", "--quiet"))
-    truth = {row["frame"]: (float(row["lat_deg"]), float(row["lon_deg"]))
-             for row in csv.DictReader((place / options["truth"]).read_text().splitlines()) if row["lat_deg"]}
+                             place / "truth.csv", "--adjust", "--out", work / "out", "--json", "--quiet"))
     headings = {}
     if options["of"] != "camera":
         headings = {row["frame"]: math.radians(float(row["heading_deg"])) for row in csv.DictReader((place / "telemetry.csv").read_text().splitlines())}
-    for kind, file in (("online", "estimates.csv"), ("smoothed", "refined.csv"), ("adjusted", "adjusted.csv")):
-        print(f"| {name} | {kind} {figures(offsets(work / 'out' / file, truth), summary['frames'], headings)}")
+    for source, truth in truths(place):
+        for kind, file in (("online", "estimates.csv"), ("smoothed", "refined.csv"), ("adjusted", "adjusted.csv")):
+            print(f"| {name}, {source} | {kind} {figures(offsets(work / 'out' / file, truth), summary['frames'], headings)}")
     a = summary["adjustment"]
     c = a["calibration"]
     boresight = ", ".join(f"{math.degrees(b['value']):+.2f} ± {math.degrees(b['sigma']):.2f}°" for b in c["boresight_rad"])
@@ -103,6 +125,11 @@ def real(nadir, data, name, folder):
           f"{a['mean_reprojection_px']:.2f} px at {a['picture_width_px']} px, anchors {a['anchors']}, switched off {len(a['anchors_switched_off'])}, "
           f"floating {a['floating_frames']}, {a['outcome']}; focal {100 * c['log_focal']['value']:+.2f} ± {100 * c['log_focal']['sigma']:.2f} %, "
           f"boresight {boresight}")
+    shown = json.loads(run(programs / "bench_mosaic", work / "out/poses.json", place / "frames", place / "telemetry.csv", place / "camera.yaml",
+                           options["shrink"], (mosaics or work) / name))
+    for kind, m in shown.items():
+        print(f"  orthophoto {kind}: {m['measured']} of {m['seams']} seams {m['median_px']:.2f} px median, {m['p95_px']:.2f} 95 %, pixels of "
+              f"{m['pixel_m']:.2f} m; steps {m['median_step']:.2f} grey levels median, {m['p95_step']:.2f} 95 %")
 
 
 def simulated(program, seeds):
@@ -115,6 +142,10 @@ def simulated(program, seeds):
         a = result["adjustment"]
         print(f"  {a['tie_points']} tie points, {a['observations']} observations, reprojection {a['mean_reprojection_px']:.2f} px, anchors {a['anchors']}, "
               f"switched off {len(a['anchors_switched_off'])}, floating {a['floating_frames']}, {a['outcome']}, {result['cpu_s']:.0f} s of CPU", flush=True)
+        for kind in ("adjusted", "adjusted_balanced"):
+            m = result["seams"][kind]
+            print(f"  orthophoto {kind}: {m['measured']} seams {m['median_px']:.2f} px median, {m['p95_px']:.2f} 95 %; steps {m['median_step']:.2f} "
+                  f"grey levels median, {m['p95_step']:.2f} 95 %", flush=True)
 
 
 def main():
@@ -123,6 +154,7 @@ def main():
     parser.add_argument("--data", type=pathlib.Path, default=pathlib.Path(os.environ.get("NADIR_DATA", "../shared/data")))
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--only", choices=[*SETS, "simulated"])
+    parser.add_argument("--mosaics", type=pathlib.Path)
     wanted = parser.parse_args()
     names = [wanted.only] if wanted.only else [*SETS, "simulated"]
     if names != ["simulated"]:
@@ -131,7 +163,7 @@ def main():
         with tempfile.TemporaryDirectory() as folder:
             for name in names:
                 if name in SETS:
-                    real(wanted.build / "bin/nadir", wanted.data, name, pathlib.Path(folder))
+                    real(wanted.build / "bin", wanted.data, name, pathlib.Path(folder), wanted.mosaics)
     if "simulated" in names:
         print("| simulated | track | frames | error, median / rms m | 95 % | within 20 m | NEES (2 is right) | … without the map's error |")
         print("|---|---|---|---|---|---|---|---|")

@@ -2,7 +2,8 @@
 // four legs with a sharp turn between each two, five pictures of another place, and a fifth of the way without a map.
 // And the seams of its orthophoto, with the poses of each of the three.
 //
-// Usage: bench_adjusted_flight [SEED [FRAMES [MOSAIC.png]]]    the orthophoto by adjusted poses goes to MOSAIC.png
+// Usage: bench_adjusted_flight [SEED [FRAMES [MOSAIC.png]]]    the orthophoto by adjusted poses goes to MOSAIC.png, and
+// with the exposures as they were to MOSAIC.png.as-exposed.png
 #include <fmt/format.h>
 #include <unistd.h>
 
@@ -130,20 +131,20 @@ nlohmann::json json_from(const Figures& f) {
           {"nees_without_map_error", f.own_nees}};
 }
 
-using Poses = std::vector<std::optional<CameraPose>>;
-
 nlohmann::json json_from(const SeamFigures& f) {
   return {{"seams", f.seams},
           {"measured", f.shifts_px.size()},
           {"median_px", quantile(f.shifts_px, 0.5)},
           {"p95_px", quantile(f.shifts_px, 0.95)},
+          {"median_step", quantile(f.steps, 0.5)},
+          {"p95_step", quantile(f.steps, 0.95)},
           {"pixel_m", f.gsd_m}};
 }
 
 // Of the frames that have a position: as processed, smoothed, adjusted. No picture of another place is part of it.
 nlohmann::json seams_of(const FlightStore& store, const FlightToAdjust& flight, const AdjustedFlight& adjusted,
                         const std::vector<bool>& outlier, const GroundSurface& surface, const std::string& mosaic) {
-  Poses online(outlier.size()), smoothed(outlier.size()), after(outlier.size());
+  FramePoses online(outlier.size()), smoothed(outlier.size()), after(outlier.size());
   const auto estimates = store.estimates(EstimateKind::online);
   for (std::size_t i = 0; i < outlier.size(); ++i) {
     if (outlier[i]) continue;
@@ -159,13 +160,18 @@ nlohmann::json seams_of(const FlightStore& store, const FlightToAdjust& flight, 
   }
   const CameraModel& camera = flight.camera.camera;
   const CameraModel calibrated = adjusted_poses(adjusted).lens.applied_to(camera);
-  cv::Mat orthophoto;
+  const BenchImageOf balanced = balanced_images(calibrated, surface, after, flight.image_of);
+  cv::Mat orthophoto, as_exposed;
   const nlohmann::json document{
       {"online", json_from(seams(camera, flight.plane, surface, online, flight.image_of))},
       {"refined", json_from(seams(camera, flight.plane, surface, smoothed, flight.image_of))},
-      {"adjusted", json_from(seams(calibrated, flight.plane, surface, after, flight.image_of, &orthophoto))},
+      {"adjusted", json_from(seams(calibrated, flight.plane, surface, after, flight.image_of, &as_exposed))},
+      {"adjusted_balanced", json_from(seams(calibrated, flight.plane, surface, after, balanced, &orthophoto))},
       {"adjusted_nominal_lens", json_from(seams(camera, flight.plane, surface, after, flight.image_of))}};
-  if (!mosaic.empty()) write_file_atomic(mosaic, encode_image(orthophoto, ImageFormat::png));
+  if (!mosaic.empty()) {
+    write_file_atomic(mosaic, encode_image(orthophoto, ImageFormat::png));
+    write_file_atomic(mosaic + ".as-exposed.png", encode_image(as_exposed, ImageFormat::png));
+  }
   return document;
 }
 

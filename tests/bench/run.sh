@@ -38,6 +38,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres
   desk          stored flights and the desk: creating one, a batch of pictures, a frame, its event, an object's place, resuming (two minutes)
   segments      floating segments placed as wholes: right, wrongly, how far off; with the land on the map and without (SEEDS [FIRST [ROWS]]; 20 minutes)
+  large-desk    3000 pictures of 26 megapixels through nadir desk serve: memory, throughput, disk (FOLDER; --frames N; two hours, 30 GB)
   large-flight  a stored flight of 3000 pictures of 26 megapixels: memory, time, drift (FOLDER [FRAMES]; half an hour, 14 GB)
   adjusted      flights from pictures, adjusted as a whole: photos of shared/data and simulated ones (15 minutes; --only NAME, --seeds N)
   adjustment    block adjustment of a drawn survey: 3000 frames, 200 000 observations (two minutes; --frames N)
@@ -125,8 +126,9 @@ part() {
     smoothing)    one_program bench_smoothing && build/bin/bench_smoothing "$@" ;;
     desk)         one_program bench_desk && desk "$@" ;;
     segments)     one_program bench_segments && build/bin/bench_segments "$@" ;;
+    large-desk)   one_program nadir && python3 -B "$here/large_desk.py" build/bin/nadir "$@" ;;
     large-flight) one_program bench_large_flight && build/bin/bench_large_flight "$@" ;;
-    adjusted)     one_program nadir && one_program bench_adjusted_flight && python3 -B "$here/adjusted.py" build "$@" ;;
+    adjusted)     one_program nadir && one_program bench_adjusted_flight && one_program bench_mosaic && python3 -B "$here/adjusted.py" build "$@" ;;
     adjustment)   one_program bench_adjustment && build/bin/bench_adjustment "$@" ;;
     own-network)  with_bench_python "$here/own_network.py" "$@" ;;
     survey)       one_program nadir && with_bench_python "$here/survey.py" "$@" ;;

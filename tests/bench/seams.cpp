@@ -10,6 +10,7 @@
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "ortho/orthorectifier.hpp"
+#include "ortho/radiometric_balance.hpp"
 #include "ortho/tile_mosaic.hpp"
 
 namespace nadir::bench {
@@ -19,6 +20,7 @@ constexpr double kMostView_rad = radians(34);  // as candidate tiles
 constexpr int kReach_px = 8;                   // displacements that are looked for
 constexpr double kLeastCorrelation = 0.5;      // below it the two do not show the same
 constexpr int kLeastBorder_px = 16;            // along which two frames meet
+constexpr int kBand_px = 11;                   // along a border, where both show the ground
 
 // The tiles whose pixels are just finer than a frame's.
 int zoom_of(const CameraModel& camera, const LocalFrame& plane, double agl_m) {
@@ -55,11 +57,46 @@ std::vector<std::pair<int, int>> meeting(const cv::Mat& owner) {
   return pairs;
 }
 
+cv::Mat in_colour(const cv::Mat& image) {
+  if (image.channels() != 1 || image.empty()) return image;
+  cv::Mat colour;
+  cv::cvtColor(image, colour, cv::COLOR_GRAY2BGR);
+  return colour;
+}
+
+// one, other: where the orthophoto is of the first and of the second part.
+std::optional<double> step_of(const PartialTile& a, const PartialTile& b, const cv::Mat& one, const cv::Mat& other) {
+  cv::Mat near_one, near_other;
+  const cv::Mat around = cv::Mat::ones(kBand_px, kBand_px, CV_8UC1);
+  cv::dilate(one, near_one, around);
+  cv::dilate(other, near_other, around);
+  const cv::Mat band = near_one & near_other & a.seen & b.seen;
+  if (cv::countNonZero(band) < kBand_px * kLeastBorder_px) return std::nullopt;
+  cv::Mat grey_a, grey_b;
+  cv::cvtColor(a.image, grey_a, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(b.image, grey_b, cv::COLOR_BGR2GRAY);
+  return std::abs(cv::mean(grey_a, band)[0] - cv::mean(grey_b, band)[0]);
+}
+
 }  // namespace
 
+BenchImageOf balanced_images(const CameraModel& camera, const GroundSurface& surface, const FramePoses& poses,
+                             const BenchImageOf& image_of) {
+  RadiometricBalance balance(surface);
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    if (!poses[i]) continue;
+    const cv::Mat image = in_colour(image_of(i));
+    if (!image.empty()) balance.add(static_cast<std::uint32_t>(i), image, camera, *poses[i]);
+  }
+  return [corrections = balance.solve(poses.size()), camera, image_of](std::size_t i) {
+    cv::Mat image = in_colour(image_of(i)).clone();
+    if (!image.empty()) corrections[i].apply(image, camera);
+    return image;
+  };
+}
+
 SeamFigures seams(const CameraModel& camera, const LocalFrame& plane, const GroundSurface& surface,
-                  const std::vector<std::optional<CameraPose>>& poses,
-                  const std::function<cv::Mat(std::size_t frame)>& image_of, cv::Mat* mosaic) {
+                  const FramePoses& poses, const BenchImageOf& image_of, cv::Mat* mosaic) {
   SeamFigures figures;
   const auto first = std::find_if(poses.begin(), poses.end(), [](const auto& pose) { return pose.has_value(); });
   if (first == poses.end()) return figures;
@@ -68,9 +105,9 @@ SeamFigures seams(const CameraModel& camera, const LocalFrame& plane, const Grou
   std::map<TileKey, std::vector<std::pair<std::size_t, TileProjection>>> seen;
   for (std::size_t i = 0; i < poses.size(); ++i) {
     if (!poses[i]) continue;
-    const cv::Mat grey = image_of(i);
-    if (grey.empty()) continue;
-    cv::cvtColor(grey, images[i], cv::COLOR_GRAY2BGR);
+    const cv::Mat image = in_colour(image_of(i));
+    if (image.empty()) continue;
+    images[i] = image;
     for (auto& tile : whole_tiles(zoom, plane, camera, *poses[i], surface)) {
       seen[tile.key].emplace_back(i, std::move(tile.projection));
     }
@@ -96,7 +133,7 @@ SeamFigures seams(const CameraModel& camera, const LocalFrame& plane, const Grou
   }
   if (mosaic != nullptr) {
     *mosaic = cv::Mat::zeros((static_cast<int>(bottom - top) + 1) * kTileSize,
-                             (static_cast<int>(right - left) + 1) * kTileSize, CV_8UC1);
+                             (static_cast<int>(right - left) + 1) * kTileSize, CV_8UC3);
   }
   for (const auto& [key, frames] : seen) {
     std::vector<Part> parts;
@@ -116,15 +153,13 @@ SeamFigures seams(const CameraModel& camera, const LocalFrame& plane, const Grou
       const auto seam = measure_seam(a.image, b.image, a.seen & b.seen, kReach_px);
       ++figures.seams;
       if (seam && seam->correlation >= kLeastCorrelation) figures.shifts_px.push_back(seam->shift_px);
+      if (const auto step = step_of(a, b, owner == one, owner == other)) figures.steps.push_back(*step);
     }
     if (mosaic == nullptr) continue;
     cv::Mat tile = (*mosaic)(cv::Rect(static_cast<int>(key.x - left) * kTileSize,
                                       static_cast<int>(key.y - top) * kTileSize, kTileSize, kTileSize));
     for (std::size_t i = 0; i < parts.size(); ++i) {
-      cv::Mat grey;
-      cv::cvtColor(parts[i].tile.image, grey, cv::COLOR_BGR2GRAY);
-      cv::max(grey, 1, grey);
-      grey.copyTo(tile, owner == static_cast<int>(i));
+      parts[i].tile.image.copyTo(tile, owner == static_cast<int>(i));
     }
   }
   return figures;

@@ -83,12 +83,13 @@ class Ortho(EndToEnd):
         self.replay(f / "result", "--record", f / "recording", "--keep-frames")
         poses = f / "result/poses.json"
         self.start = None
-        self.good(*self.ask(f / "read", estimates=poses))
+        self.good(*self.ask(f / "read", estimates=poses, mosaic=f / "balanced.tif"))
         self.good(*self.ask(f / "recorded", estimates=poses, recorder=f / "recording", frames=None, telemetry=None,
-                            camera=None))
+                            camera=None, mosaic=f / "exposed.tif"), "--as-exposed")
         flown = (f / "flown/tiles.mbtiles").read_bytes()
         for other in ("read", "recorded"):
             self.assertEqual(flown, (f / other / "tiles.mbtiles").read_bytes(), other)
+        self.assertNotEqual((f / "balanced.tif").read_bytes(), (f / "exposed.tif").read_bytes(), "tiles are never balanced, mosaics are")
         tiles = sqlite3.connect(f"file:{f}/read/tiles.mbtiles?mode=ro", uri=True)
         self.assertGreaterEqual(tiles.execute("SELECT count(*) FROM tiles").fetchone()[0], 1)
 

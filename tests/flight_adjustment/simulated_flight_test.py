@@ -28,6 +28,8 @@ class SimulatedFlight(unittest.TestCase):
         self.assertGreater(seams["adjusted"]["measured"], 300, seams)
         self.assertLessEqual(seams["adjusted"]["median_px"], 1, seams)
         self.assertLess(seams["adjusted"]["median_px"], seams["online"]["median_px"], seams)
+        self.assertGreater(seams["adjusted"]["median_step"], 5, "each frame is exposed differently")
+        self.assertLess(seams["adjusted_balanced"]["p95_step"], 2, seams)
 
 
 if __name__ == "__main__":

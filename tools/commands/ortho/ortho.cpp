@@ -20,13 +20,17 @@
 #include "cli/output.hpp"
 #include "commands/commands.hpp"
 #include "commands/ortho/compare_page.hpp"
+#include "commands/scratch_folder.hpp"
 #include "geodesy/web_mercator.hpp"
+#include "imagery/frame_image.hpp"
 #include "imagery/mbtiles.hpp"
 #include "ortho/candidate_maker.hpp"
+#include "ortho/radiometric_balance.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "package_build/candidate_mosaic.hpp"
 #include "replay/flight_request.hpp"
 #include "token_keys/token_key.hpp"
+#include "vision/camera_frame.hpp"
 
 namespace nadir {
 namespace {
@@ -134,18 +138,19 @@ nlohmann::json json_of(const std::array<std::uint64_t, N>& counted) {
 }
 
 // Candidate tiles from all frames of a flight. first: capture time of the first frame. frame_ms: maximum time for the
-// tiles of one frame; 0: no limit.
+// tiles of one frame; 0: no limit. corrections: of the frames' levels; empty: they stay as they were exposed.
 TilesSummary make_flight_tiles(CandidateMaker& maker, CandidateStore& store, const Flight& flight,
                                const std::vector<std::optional<FramePose>>& poses, UtcMillis first, int frame_ms,
-                               Progress& progress) {
+                               const std::vector<RadiometricCorrection>& corrections, Progress& progress) {
   TilesSummary summary;
   summary.frames = flight.frames.size();
-  progress.begin("tiles", flight.frames.size(), "frames");
+  progress.begin(corrections.empty() ? "tiles" : "balanced tiles", flight.frames.size(), "frames");
   for (std::size_t i = 0; i < flight.frames.size(); ++i) {
     const Telemetry& telemetry = flight.frames[i];
     const double since_s = telemetry.time_s - flight.frames.front().time_s;
     PosedFrame seen{telemetry.frame, {first.unix_ms + std::llround(since_s * 1000)}, {}};
     if (poses[i]) seen.pose = *poses[i];
+    if (!corrections.empty()) seen.correction = corrections[i];
     const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(frame_ms);
     DeadlinePassed out_of_time;
     if (frame_ms > 0) out_of_time = [until] { return std::chrono::steady_clock::now() > until; };
@@ -161,6 +166,27 @@ TilesSummary make_flight_tiles(CandidateMaker& maker, CandidateStore& store, con
   summary.tiles = store.tiles();
   summary.bytes = store.bytes();
   return summary;
+}
+
+// camera: of the pictures at full size, with the lens that the poses belong to.
+std::vector<RadiometricCorrection> balanced(const Flight& flight, const std::vector<std::optional<FramePose>>& poses,
+                                            const CameraModel& camera, const GroundSurface& surface,
+                                            Progress& progress) {
+  RadiometricBalance balance(surface);
+  const int shrink = decode_reduction(camera.width, camera.height);
+  const CameraModel reduced = camera.scaled(1.0 / shrink);
+  progress.begin("exposures", flight.frames.size(), "frames");
+  for (std::size_t i = 0; i < flight.frames.size(); ++i, progress.advance(1)) {
+    if (!poses[i]) continue;
+    try {
+      const cv::Mat picture = read_frame_file(flight.image_path(i), Colour::bgr, shrink);
+      if (picture.cols != reduced.width || picture.rows != reduced.height) continue;
+      balance.add(static_cast<std::uint32_t>(i), picture, reduced, poses[i]->pose);
+    } catch (const Error&) {  // a damaged frame, of which there are no tiles either
+    }
+  }
+  progress.end();
+  return balance.solve(flight.frames.size());
 }
 
 nlohmann::json json_from(const TilesSummary& s) {
@@ -243,7 +269,7 @@ class OrthoCommand final : public Command {
   std::string format_ = "jpeg";
   int quality_ = 82;
   std::optional<int> zoom_;
-  bool single_frame_ = false;
+  bool single_frame_ = false, as_exposed_ = false;
   int frame_ms_ = 0;
   std::int64_t budget_mb_ = 4096;
 };
@@ -285,6 +311,8 @@ void OrthoCommand::setup(Options& options) {
   options.value("--frame-ms", frame_ms_, "MS", "maximum time for the tiles of one frame, as in flight; 0: no limit")
       .between(0, 60'000);
   options.value("--mosaic", mosaic_, "FILE.tif", "also write the tiles as a COG, and FILE.html beside it");
+  options.flag("--as-exposed", as_exposed_, "the mosaic shows the tiles as they are, with steps between exposures")
+      .needs("--mosaic");
 }
 
 FlightPoses OrthoCommand::poses_of(Context& context, const ReadyFlight& ready) const {
@@ -314,36 +342,56 @@ int OrthoCommand::run(Context& context) {
   const FlatGround flat;
   const GroundSurface* surface = ready->setup->surface != nullptr ? ready->setup->surface : &flat;
   const ImageFormat format = *parse_image_format(format_);
-  const auto [poses, lens] = poses_of(context, *ready);
-  CandidateMaker maker({.airframe = *request_.airframe(),
-                        .flight = flight_.value_or(id_of(flight)),
-                        .base_package = sha256_file(*request_.package() / "manifest.json"),
-                        .camera = flight.camera.camera,
-                        .readout = flight.camera.readout,
-                        .lens = lens,
-                        .frame = ready->setup->frame,
-                        .surface = surface,
-                        .key = &key,
-                        .zoom = zoom_.value_or(ready->package->mission().zoom.max),
-                        .format = format,
-                        .quality = quality_,
-                        .merge_partial_tiles = !single_frame_});
-  CandidateStore store(staging.path(),
-                       {.format = format, .budget_bytes = static_cast<std::uint64_t>(budget_mb_) * 1'000'000});
-  const TilesSummary summary = make_flight_tiles(maker, store, flight, poses, first, frame_ms_, context.progress);
-  store.close();
+  const FlightPoses posed = poses_of(context, *ready);
+  CandidateFlight candidates{.airframe = *request_.airframe(),
+                             .flight = flight_.value_or(id_of(flight)),
+                             .base_package = sha256_file(*request_.package() / "manifest.json"),
+                             .camera = flight.camera.camera,
+                             .readout = flight.camera.readout,
+                             .lens = posed.lens,
+                             .frame = ready->setup->frame,
+                             .surface = surface,
+                             .key = &key,
+                             .zoom = zoom_.value_or(ready->package->mission().zoom.max),
+                             .format = format,
+                             .quality = quality_,
+                             .merge_partial_tiles = !single_frame_};
+  const CandidateStoreOptions storing{.format = format,
+                                      .budget_bytes = static_cast<std::uint64_t>(budget_mb_) * 1'000'000};
+  const auto make_tiles = [&](const std::filesystem::path& folder,
+                              const std::vector<RadiometricCorrection>& corrections) {
+    CandidateMaker maker(candidates);
+    CandidateStore store(folder, storing);
+    TilesSummary made =
+        make_flight_tiles(maker, store, flight, posed.poses, first, frame_ms_, corrections, context.progress);
+    store.close();
+    return made;
+  };
+  const TilesSummary summary = make_tiles(staging.path(), {});
+  // What people look at: the same tiles without the steps between exposures. They are no candidates, and are gone with
+  // the key that signs them.
+  const ScratchFolder scratch("nadir-ortho");
+  std::filesystem::path shown = staging.path();
+  if (mosaic_ && summary.tiles > 0 && !as_exposed_) {
+    const CameraModel& nominal = flight.camera.camera;
+    const CameraModel camera = posed.lens ? posed.lens->applied_to(nominal) : nominal;
+    const PrivateKey passing_key = PrivateKey::generate();
+    candidates.key = &passing_key;
+    const auto corrections = balanced(flight, posed.poses, camera, *surface, context.progress);
+    if (make_tiles(scratch.path(), corrections).tiles > 0) shown = scratch.path();
+  }
   std::filesystem::remove_all(unpacked);
 
   nlohmann::json document = json_from(summary);
   Figures figures = figures_from(summary);
   const int zoom = zoom_.value_or(ready->package->mission().zoom.max);
-  if (const auto advice = zoom_advice(summary, flight.camera.camera, poses, ready->setup->frame, zoom)) {
+  if (const auto advice = zoom_advice(summary, flight.camera.camera, posed.poses, ready->setup->frame, zoom)) {
     document["advice"] = *advice;
     if (!context.quiet) context.err << "note: " << *advice << '\n';
   }
   if (mosaic_ && summary.tiles > 0) {
-    const CandidateMosaic mosaic = write_candidate_mosaic(staging.path(), *mosaic_, context.progress);
-    const MbtilesReader tiles(staging.path() / kCandidateFile);
+    const CandidateMosaic mosaic = write_candidate_mosaic(shown, *mosaic_, context.progress);
+    const MbtilesReader tiles(shown / kCandidateFile);
     const LocalFrame& frame = ready->setup->frame;
     const ComparePage page{
         .title = "Orthophoto of the flight",
