@@ -28,8 +28,9 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   localization  a flight of sixty frames over a landscape of another day
   latency       the CPU time of a frame, stage by stage, over a simulated flight
   ablations     the method with steps left out and with other backends (--data DIR: over a recorded flight)
-  safety        10 000 short flights under faults: how often is a position wrong with confidence? (hours; --resume FILE)
-  flights       long flights with turns, outliers, blackouts, wrong height and heading (--resume FILE; half an hour)
+  safety        10 000 short flights under faults: how often is a position wrong with confidence? (hours; --resume FILE, --matcher-model FILE)
+  flights       long flights with turns, outliers, blackouts, wrong height and heading, at night, over an old map (--resume FILE,
+                --matcher-model FILE; half an hour)
   navigability  where a flight would anchor, predicted and flown, over simulated worlds (ten minutes; --seeds FIRST LAST, --fit)
   turns         how far off what odometry says of a turn is (two minutes)
   consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
@@ -62,8 +63,8 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   retrieval     place retrieval over real imagery of two dates, headings unknown, for every descriptor (--queries N; five minutes)
   integrity     looks that cannot be right, on unseen seeds and imagery, and misleading positions under faults (--part PART --resume FILE; hours)
   own-network   a descriptor network of our own, trained and judged against oriented gradients (train DATA --out FILE; judge FILE...; needs PyTorch)
-  matchers      map matchers side by side at the same looks: right, clean, CPU time, how far two err together (MODEL.onnx; an hour;
-                --write counts the table of a second matcher)
+  matchers      map matchers side by side at the same looks: right, clean, CPU time, how far two err together, knock-outs (MODEL.onnx; an
+                hour; --write counts the table of a second matcher)
   fit-likelihood  the likelihood ratio of a look, fitted to such looks and written as a table (--looks FILE...)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).
