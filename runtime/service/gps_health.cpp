@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 
@@ -68,17 +69,22 @@ void GpsHealth::compare_with_vision(const GpsFix3d& fix) {
     disagrees_since_s_.reset();
     return;
   }
-  const double apart_m = distance_m(vision_->place, fix.place);
-  const double both_sigma_m = std::hypot(sigma_of(fix), vision_->sigma_m);
-  const double allowed_m = std::max(kMinDisagreement_m, kDisagreementSigmas * both_sigma_m) +
-                           speed_of(fix) * std::abs(fix.time_s - vision_->time_s);
-  if (apart_m <= allowed_m) {
-    disagrees_since_s_.reset();
-    if (!agrees_since_s_) agrees_since_s_ = fix.time_s;
-  } else {
-    agrees_since_s_.reset();
-    if (!disagrees_since_s_) disagrees_since_s_ = fix.time_s;
-  }
+  const double dt_s = fix.time_s - vision_->time_s;
+  const Eigen::Vector2d& velocity_mps = vision_->velocity_mps;
+  const Eigen::Vector2d difference_m =
+      LocalFrame(vision_->place).plane_from_lonlat(fix.place).vector() - velocity_mps * dt_s;
+  const double gps_sigma_m = std::max(sigma_of(fix), kMinGpsSigma_m), moved_m = vision_->velocity_sigma_mps * dt_s;
+  const Eigen::Matrix2d covariance_m2 = vision_->covariance_m2 +
+                                        (gps_sigma_m * gps_sigma_m + moved_m * moved_m) * Eigen::Matrix2d::Identity() +
+                                        kGpsTimeSigma_s * kGpsTimeSigma_s * velocity_mps * velocity_mps.transpose();
+  const double chi2 = difference_m.dot(covariance_m2.inverse() * difference_m);
+  apart_m_ = difference_m.norm();
+  const auto mark = [&](bool holds, std::optional<double>& since_s) {
+    if (!holds) since_s.reset();
+    if (holds && !since_s) since_s = fix.time_s;
+  };
+  mark(chi2 <= kAgreementChi2, agrees_since_s_);
+  mark(chi2 > kDisagreementChi2, disagrees_since_s_);
 }
 
 void GpsHealth::on_event(const EkfReport& report) {
@@ -98,12 +104,19 @@ void GpsHealth::on_event(const EkfReport& report) {
 void GpsHealth::on_event(const LocalizedFrame& frame) {
   const Estimate& estimate = frame.report.estimate;
   if (estimate.position && is_visual(estimate.source)) {
-    on_vision({frame.telemetry.time_s, *estimate.position, estimate.sigma_m});
+    const StateEstimate& state = frame.report.state;
+    on_vision({frame.telemetry.time_s, *estimate.position, estimate.covariance_m2, state.velocity_mps,
+               state.velocity_sigma_mps});
   }
 }
 
 void GpsHealth::on_vision(const VisionPosition& vision) {
-  if (valid(vision.place) && vision.sigma_m >= 0 && vision.sigma_m <= kMaxVisionSigma_m) vision_ = vision;
+  const double variance_m2 = vision.covariance_m2.trace() / 2;  // one axis; the comparisons are false for NaN
+  const bool known = variance_m2 >= 0 && variance_m2 <= kMaxVisionSigma_m * kMaxVisionSigma_m;
+  if (valid(vision.place) && known && vision.covariance_m2.allFinite() && vision.velocity_mps.allFinite() &&
+      std::isfinite(vision.velocity_sigma_mps)) {
+    vision_ = vision;
+  }
 }
 
 void GpsHealth::reset_stability() {
@@ -127,8 +140,7 @@ std::optional<GpsAssessment> GpsHealth::find_fault(double now_s) const {
   }
   if (lasts(now_s, no_fix_since_s_, kGpsNoFix_s)) return GpsAssessment{denied, "the receiver has no fix"};
   if (lasts(now_s, disagrees_since_s_, kDisagreement_s)) {
-    const double apart_m = distance_m(vision_->place, last_fix_->place);
-    return GpsAssessment{spoofed, fmt::format("{:.0f} m from the visual position", apart_m)};
+    return GpsAssessment{spoofed, fmt::format("{:.0f} m from the visual position", apart_m_)};
   }
   // With GPS already out of use, the filter follows our fix.
   if (assessment_.verdict != GpsVerdict::trusted || !filter_uses_receiver(now_s)) return std::nullopt;

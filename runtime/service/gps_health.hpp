@@ -4,15 +4,24 @@
 // Inputs: the receiver's messages (GPS_RAW_INT), the autopilot's filter (EKF_STATUS_REPORT), and visual positions.
 // Never pass it the fixes that we send (GPS_INPUT comes back as a receiver) nor the autopilot's fused position.
 //
-// Spoofed: a step or a speed beyond what the aircraft can fly, the filter's glitch alarm, or a disagreement with vision
-// beyond both uncertainties, which is how a slow drag-off ends. Distrust is quick, trust is slow: after denial or
-// spoofing, GPS must be undisturbed for a stable interval and agree with vision for as long. If it was merely denied,
-// never spoofed, and there is no visual position, a much longer stable interval is enough. A receiver that has been
-// searching for its first fix since the service started on the ground was not denied: seconds are enough.
+// Spoofed: a step or a speed beyond what the aircraft can fly, the filter's glitch alarm, or a disagreement with
+// vision, which is how a slow drag-off ends. With d = GPS less vision, both at the fix's time (vision is propagated by
+// its own velocity v, for dt), it is a χ² test of two degrees of freedom:
+//
+//   D² = dᵀ R⁻¹ d      R = σ_gps² I + P_vision + (σ_v dt)² I + σ_t² v vᵀ
+//
+// σ_t: how old a fix may be when its message comes. Both errors last longer than a drag does until it is found, so that
+// looks do not add up: sums and likelihood ratios over windows find it no earlier (docs/closed-loop.md).
+//
+// Distrust is quick, trust is slow: after denial or spoofing, GPS must be undisturbed for a stable interval and agree
+// with vision for as long, by a smaller D². If it was merely denied, never spoofed, and there is no visual position, a
+// much longer stable interval is enough. A receiver that has been searching for its first fix since the service started
+// on the ground was not denied: seconds are enough.
 //
 // The numbers are in service_rules.hpp. Times are monotonic seconds of arrival, and come in with the events.
 #pragma once
 
+#include <Eigen/Core>
 #include <optional>
 #include <string>
 
@@ -25,7 +34,9 @@ namespace nadir {
 struct VisionPosition {
   double time_s = 0;
   LonLat place;
-  double sigma_m = 0;  // one axis
+  Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();  // east, north
+  Eigen::Vector2d velocity_mps = Eigen::Vector2d::Zero();   // east, north
+  double velocity_sigma_mps = 0;                            // one axis
 };
 
 class GpsHealth {
@@ -67,6 +78,7 @@ class GpsHealth {
   std::optional<double> ekf_lost_since_s_;
   std::optional<double> our_fix_s_;
   bool ekf_had_position_ = false;
+  double apart_m_ = 0;    // from the visual position, at the last fix
   std::string fault_;     // a step or a speed since the last assessment
   bool spoofed_ = false;  // since it was last trusted
   bool had_first_fix_ = false;

@@ -2,6 +2,7 @@
 //   [design]  docs/onboard.md, which explains the rule
 //   [loop]    docs/closed-loop.md: measured with the simulated autopilot or with ArduPlane SITL
 //   [aircraft] limits of the aircraft that we fly on
+//   [gps]     docs/closed-loop.md, GPS that lies: false alarms against delays, tests/bench/gps.cpp, training seeds
 #pragma once
 
 namespace nadir {
@@ -64,13 +65,15 @@ inline constexpr double kOurFixInUse_s = 15;         // its alarms may be about 
 inline constexpr double kMaxGroundSpeed_mps = 100;   // with the wind [aircraft]
 inline constexpr double kStepMargin_m = 30;          // beyond what speed and accuracies explain [design]
 inline constexpr double kMaxAcceleration_mps2 = 15;  // between two fixes [aircraft]
-inline constexpr double kMaxGpsSigma_m = 10;      // a spoofer may claim any accuracy; larger values are capped [design]
-inline constexpr double kDefaultGpsSigma_m = 3;   // of a receiver that reports none [design]
-inline constexpr double kDisagreementSigmas = 4;  // [design]
-inline constexpr double kMinDisagreement_m = 25;  // [design]
-inline constexpr double kDisagreement_s = 1.0;    // for so long [design]
-inline constexpr double kMaxVisionSigma_m = 60;   // less accurate visual positions prove nothing [design]
-inline constexpr double kMaxVisionAge_s = 1.0;    // nor do older ones [design]
+inline constexpr double kMaxGpsSigma_m = 10;     // a spoofer may claim any accuracy; larger values are capped [design]
+inline constexpr double kMinGpsSigma_m = 2.5;    // nor is a receiver's own figure all of its error: reflections [gps]
+inline constexpr double kDefaultGpsSigma_m = 3;  // of a receiver that reports none [design]
+inline constexpr double kGpsTimeSigma_s = 0.2;   // between measurement and message, one sigma [gps]
+inline constexpr double kDisagreementChi2 = 18.4;  // one honest look of 10 000 is beyond, -2 ln 1e-4 [gps]
+inline constexpr double kAgreementChi2 = 6.0;      // 95 % of honest looks are within, -2 ln 0.05 [gps]
+inline constexpr double kDisagreement_s = 1.0;     // for so long [design]
+inline constexpr double kMaxVisionSigma_m = 60;    // less accurate visual positions prove nothing [design]
+inline constexpr double kMaxVisionAge_s = 1.0;     // nor do older ones [design]
 
 // ---- GPS: trusted again [design]
 inline constexpr double kGpsStable_s = 10;       // undisturbed, and in agreement with vision

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """The cross build for arm64 under qemu, beside this machine's own build: tests, bytes, and instructions per frame.
 
-  tests/bench/arm64.py [--only tests|bytes|instructions] [--quick] [--frames N] [--keep DIR]
+  tests/bench/arm64.py [--only tests|bytes|instructions] [--quick] [--frames N] [--keep DIR] [--limit-s S] [--resume FILE]
 
+Tests: of the libraries, suite by suite, each with a limit of CPU time; what is too slow under qemu is excluded by name.
 Bytes: a world, a map package with its place index, a flight, a replay with its recording; each step is given the same inputs on both
 machines (those of amd64), so that one difference is not counted again in all that follows. Then each replays what the other
 recorded, and compares every estimate bit for bit. Instructions: counted by a plug-in of qemu, all threads, over a replay of N frames
@@ -28,26 +29,81 @@ SYSROOT = ROOT / "build-arm64-sysroot"
 QEMU = ["qemu-aarch64", "-L", SYSROOT]
 TESTS = ["base", "geodesy", "imagery", "trust", "package", "vision", "estimation"]
 AT = "2025-09-20"
+# Suites that are not run under qemu, and why. Everything else must pass.
+EXCLUDED = {}
 
 
-def test_programs(quick):
-    """A row for each test program; True when nothing failed."""
+class TestResults:
+    """What each suite did under qemu, kept in a file of CSV from which a run that was stopped goes on."""
+
+    FIELDS = ("program", "suite", "passed", "failed", "skipped", "ended", "cpu_s", "failures")
+
+    def __init__(self, path):
+        self.path = path
+        self.rows = {}
+        if path and path.exists():
+            self.rows = {(row["program"], row["suite"]): row for row in csv.DictReader(path.open())}
+
+    def __contains__(self, key):
+        return key in self.rows
+
+    def add(self, row):
+        self.rows[row["program"], row["suite"]] = row
+        if not self.path:
+            return
+        new = not self.path.exists()
+        with self.path.open("a", newline="") as file:
+            writer = csv.DictWriter(file, self.FIELDS)
+            if new:
+                writer.writeheader()
+            writer.writerow(row)
+
+    def of(self, program):
+        return [row for row in self.rows.values() if row["program"] == program]
+
+
+def suites_of(program):
+    listed = must([*QEMU, program, "--gtest_list_tests"]).output
+    return [line.split(".")[0] for line in listed.splitlines() if re.match(r"[A-Za-z]\S*\.", line)]
+
+
+def run_suite(name, suite, limit_s):
+    """A row of TestResults. limit_s: of CPU, so that other work on this machine decides nothing."""
+    command = ["prlimit", f"--cpu={limit_s}", *QEMU, ARM / f"test_{name}", f"--gtest_filter={suite}.*", "--gtest_brief=1"]
+    taken = run(command)
+    count = {what: int(found[1]) if (found := re.search(rf"\[ *{what} *\] (\d+) test", taken.output)) else 0
+             for what in ("PASSED", "FAILED", "SKIPPED")}
+    failed = re.findall(r"^\[  FAILED  \] (\S+\.[^\s,]+) \(", taken.output, re.M)
+    ended = re.search(r"^\[=+\] \d+ tests? from .* ran\.", taken.output, re.M)
+    return {"program": name, "suite": suite, "passed": count["PASSED"], "failed": count["FAILED"], "skipped": count["SKIPPED"],
+            "ended": "yes" if ended else "late" if taken.cpu_s >= limit_s - 1 else "crashed", "cpu_s": round(taken.cpu_s, 1),
+            "failures": " ".join(failed)}
+
+
+def test_programs(names, limit_s, results):
+    """Suite by suite, and a row for each program; True when nothing failed or was late that is not excluded by name."""
     fine = True
-    print(f"{'tests under qemu':<18} {'passed':>7} {'failed':>7} {'skipped':>8} {'CPU s':>8}")
-    for name in ["base", "trust", "geodesy"] if quick else TESTS:
+    print(f"{'tests under qemu':<18} {'passed':>7} {'failed':>7} {'skipped':>8} {'excluded':>9} {'CPU s':>8}")
+    for name in names:
         program = ARM / f"test_{name}"
         if not program.exists():
             print(f"{name:<18} NOT RUN: {program.relative_to(ROOT)} is not built")
             fine = False
             continue
-        taken = run([*QEMU, program, "--gtest_brief=1"])
-        count = {what: int(found[1]) if (found := re.search(rf"\[ *{what} *\] (\d+) test", taken.output)) else 0
-                 for what in ("PASSED", "FAILED", "SKIPPED")}
-        failed = re.findall(r"^\[  FAILED  \] (\S+\.[^\s,]+) \(", taken.output, re.M)
-        fine = fine and not count["FAILED"] and (taken.ok or count["SKIPPED"] > 0)
-        print(f"{name:<18} {count['PASSED']:>7} {count['FAILED']:>7} {count['SKIPPED']:>8} {taken.cpu_s:>8.0f}  {' '.join(failed)}")
-        if not count["PASSED"]:
-            print(taken.output[-400:])
+        suites = suites_of(program)
+        for suite in suites:
+            if f"{name}.{suite}" not in EXCLUDED and (name, suite) not in results:
+                results.add(run_suite(name, suite, limit_s))
+        rows = results.of(name)
+        bad = [row for row in rows if int(row["failed"]) or row["ended"] != "yes"]
+        total = {what: sum(float(row[what]) for row in rows) for what in ("passed", "failed", "skipped", "cpu_s")}
+        excluded = sum(f"{name}.{suite}" in EXCLUDED for suite in suites)
+        print(f"{name:<18} {total['passed']:>7.0f} {total['failed']:>7.0f} {total['skipped']:>8.0f} {excluded:>9} {total['cpu_s']:>8.0f}  "
+              + " ".join(row["failures"] or f"{row['suite']}: {row['ended']}" for row in bad), flush=True)
+        fine = fine and not bad
+    for suite, reason in EXCLUDED.items():
+        if suite.split(".")[0] in names:
+            print(f"excluded: {suite}: {reason}")
     return fine
 
 
@@ -204,6 +260,8 @@ def main():
     parser.add_argument("--only", choices=("tests", "bytes", "instructions"))
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--frames", type=int, default=12)
+    parser.add_argument("--limit-s", type=int, default=600, help="CPU seconds of a test suite under qemu")
+    parser.add_argument("--resume", type=pathlib.Path, help="keep what test suites did in this CSV file, and go on where it ends")
     parser.add_argument("--keep", type=pathlib.Path, help="a folder for what is made; it stays")
     options = parser.parse_args()
     for needed, to_do in ((ARM / "nadir", "NADIR_PRESET=arm64 ./run build"), (SYSROOT / "made-from", "NADIR_PRESET=arm64 ./run build")):
@@ -215,7 +273,8 @@ def main():
         return 77
     fine = True
     if options.only in (None, "tests"):
-        fine = test_programs(options.quick)
+        names = ["base", "trust", "geodesy"] if options.quick else TESTS
+        fine = test_programs(names, options.limit_s, TestResults(options.resume))
         fine = no_fused_products() and fine
     if options.quick or options.only == "tests":
         return 0 if fine else 1

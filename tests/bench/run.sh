@@ -34,6 +34,8 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   navigability  where a flight would anchor, predicted and flown, over simulated worlds (ten minutes; --seeds FIRST LAST, --fit)
   turns         how far off what odometry says of a turn is (two minutes)
   consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
+  gps           honest and spoofed GPS beside vision: false alarms an hour, how far off a lie gets (--flights 0: without pictures, a
+                minute; with them 10 minutes)
   blind         the camera goes blind for 15 to 60 s: how far off, with an inertial sensor and without (a minute; --flights N)
   shutter       flights by a rolling shutter, undone and ignored (three minutes; --seeds N, --readout-ms MS, --speed-mps V)
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres
@@ -121,6 +123,7 @@ part() {
     safety)       one_program bench_safety && build/bin/bench_safety "$@" ;;
     flights)      one_program bench_flights && build/bin/bench_flights "$@" ;;
     consistency)  one_program bench_consistency && build/bin/bench_consistency "$@" ;;
+    gps)          one_program bench_gps && build/bin/bench_gps "$@" ;;
     blind)        one_program bench_blind && build/bin/bench_blind "$@" ;;
     turns)        one_program bench_turns && build/bin/bench_turns "$@" ;;
     shutter)      one_program nadir && python3 -B "$here/shutter.py" "$@" ;;

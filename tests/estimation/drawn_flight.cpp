@@ -153,6 +153,7 @@ DrawnFlight draw_flight(Random random, const DrawnOptions& options) {
     }
     frame.truth_m = is.place;
     frame.online_m = filter.position().vector();
+    frame.velocity_mps = filter.state().segment<2>(F::velocity_east);
     frame.covariance_m2 = filter.position_covariance_m2();
     frame.nees = normalised_error(frame.online_m - frame.truth_m, frame.covariance_m2);
     flight.steps.push_back(step);

@@ -20,7 +20,8 @@ struct DrawnOptions {
 
 struct DrawnFrame {
   Eigen::Vector2d truth_m;
-  Eigen::Vector2d online_m;  // estimated by the filter in flight
+  Eigen::Vector2d online_m;      // estimated by the filter in flight
+  Eigen::Vector2d velocity_mps;  // the same
   Eigen::Matrix2d covariance_m2;
   double nees = 0;                    // of online_m
   std::optional<double> anchor_chi2;  // of a right anchor's place against the prediction, two degrees of freedom
@@ -37,8 +38,8 @@ DrawnFlight draw_flight(Random random, const DrawnOptions& options);
 
 // ---- The sensors of such flights
 
-// A camera's place and attitude, and how wrong the telemetry is of it: constant and changing errors, as the filter's own
-// model has them.
+// A camera's place and attitude, and how wrong the telemetry is of it: constant and changing errors, as the filter's
+// own model has them.
 struct DrawnTruth {
   DrawnTruth(Random& random, const TelemetryUncertainty& sigma);
 

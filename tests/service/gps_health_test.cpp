@@ -19,6 +19,7 @@ class Flight {
   struct Seen {
     double gps_off_m = 0;     // north of the truth
     double vision_off_m = 0;  // the same
+    double gps_late_s = 0;    // from measurement to message
     bool gps_fix = true;
     bool gps_speaks = true;
     bool vision_speaks = true;
@@ -33,9 +34,14 @@ class Flight {
     now_s += 0.2;
     const double east_m = 25 * (now_s - 1000);
     if (seen.vision_speaks)
-      health.on_vision(VisionPosition{now_s - 0.1, at(east_m - 2.5, seen.vision_off_m), seen.vision_sigma_m});
+      health.on_vision({.time_s = now_s - 0.1,
+                        .place = at(east_m - 2.5, seen.vision_off_m),
+                        .covariance_m2 = seen.vision_sigma_m * seen.vision_sigma_m * Eigen::Matrix2d::Identity(),
+                        .velocity_mps = {25, 0},
+                        .velocity_sigma_mps = 1});
     if (seen.gps_speaks) {
-      health.on_event(GpsFix3d{now_s, seen.gps_fix, at(east_m, seen.gps_off_m), seen.speed_mps, seen.accuracy_m});
+      const LonLat place = at(east_m - 25 * seen.gps_late_s, seen.gps_off_m);
+      health.on_event(GpsFix3d{now_s, seen.gps_fix, place, seen.speed_mps, seen.accuracy_m});
     }
     health.on_event(EkfReport{now_s, seen.ekf_knows, seen.glitch});
     return (assessment = health.assess(now_s)).verdict;
@@ -124,18 +130,39 @@ TEST(GpsHealth, AReportedBadAccuracyDoesNotHideTheStep) {
   EXPECT_EQ(flight.step({.gps_off_m = 300, .accuracy_m = 5000}), spoofed);
 }
 
-TEST(GpsHealth, SlowDragOffIsDetectedBeforeSixtyMetres) {
-  for (const double m_per_s : {0.5, 1.0, 2.0, 5.0}) {
-    Flight flight;
-    flight.fly(20, {});
-    double off_m = 0;
-    while (flight.step({.gps_off_m = off_m}) == trusted) {
-      off_m += m_per_s * 0.2;
-      ASSERT_LT(off_m, 60) << m_per_s;
+TEST(GpsHealth, ADragOffIsFoundTheNearerTheBetterVisionIs) {
+  for (const auto& [vision_sigma_m, limit_m] : {std::pair{2.0, 20.0}, {8.0, 42.0}}) {
+    for (const double m_per_s : {0.2, 0.5, 1.0, 2.0, 5.0}) {
+      Flight flight;
+      flight.fly(20, {.vision_sigma_m = vision_sigma_m});
+      double off_m = 0;
+      while (flight.step({.gps_off_m = off_m, .vision_sigma_m = vision_sigma_m}) == trusted) {
+        off_m += m_per_s * 0.2;
+        ASSERT_LT(off_m, limit_m) << m_per_s;
+      }
+      EXPECT_EQ(flight.assessment.verdict, spoofed);
+      EXPECT_NE(flight.assessment.reason.find("visual position"), std::string::npos);
     }
-    EXPECT_EQ(flight.assessment.verdict, spoofed);
-    EXPECT_NE(flight.assessment.reason.find("visual position"), std::string::npos);
   }
+}
+
+// 22 m of flight lie between an old frame and a fix, and 8 m between a late fix and its message.
+TEST(GpsHealth, PositionsAreComparedAtOneTimeAndLateFixesAreHonest) {
+  Flight flight;
+  for (int i = 0; i < 200; ++i) {
+    ASSERT_EQ(flight.step({.gps_late_s = 0.3, .vision_speaks = i % 5 == 0, .vision_sigma_m = 1}), trusted)
+        << flight.assessment.reason;
+  }
+  EXPECT_EQ(flight.fly(2, {.gps_off_m = 16, .vision_sigma_m = 1}), spoofed) << "as far, but across the track";
+}
+
+// Not far enough to be accused again, and too far to be believed.
+TEST(GpsHealth, BetweenAgreementAndDisagreementItIsNotTrustedAgain) {
+  Flight flight;
+  flight.fly(20, {.vision_sigma_m = 3});
+  ASSERT_EQ(flight.fly(2, {.gps_off_m = 20, .vision_sigma_m = 3}), spoofed);
+  EXPECT_EQ(flight.fly(60, {.gps_off_m = 13, .vision_sigma_m = 3}), spoofed);
+  EXPECT_EQ(flight.fly(10.6, {.gps_off_m = 5, .vision_sigma_m = 3}), trusted);
 }
 
 TEST(GpsHealth, DisagreementMustLast) {
