@@ -1,4 +1,5 @@
-// How soon the service finds out that the aircraft's GPS lies, and how often it accuses an honest one. docs/closed-loop.md.
+// How soon the service finds out that the aircraft's GPS lies, and how often it accuses an honest one.
+// docs/closed-loop.md.
 #include <fmt/format.h>
 
 #include <Eigen/LU>
