@@ -76,7 +76,7 @@ class Contract(support.EndToEnd):
             settings.write_text(SETTINGS)
             result = subprocess.run(
                 [sys.executable, "-m", "schemathesis.cli", "--config-file", settings, "run", known, "--url", desk.url, "--exclude-path",
-                 "/v1/flights/{flight}/events", "--max-examples", "12", "--seed", "1", "--generation-database", "none", "--phases",
+                 "/v1/flights/{flight}/events", "--max-examples", "25", "--seed", "1", "--generation-database", "none", "--phases",
                  "examples,coverage,fuzzing", "--no-color"],
                 cwd=folder, capture_output=True, text=True, stdin=subprocess.DEVNULL)
         self.assertEqual(0, result.returncode, result.stdout + result.stderr)
