@@ -547,8 +547,8 @@ std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
                                                .searches_everywhere = where && !where->hint});
 }
 
-// The match would be accepted, and the chance that the aircraft is elsewhere be within the risk. By what is believed
-// now: the job runs while later frames are tracked.
+// The match would be accepted, and the chance that the aircraft is elsewhere be within the risk. By the belief as it
+// is now: the job runs while later frames are tracked.
 std::function<bool(const AnchorMatch&, double)> Localizer::Impl::settles(const LookContext& context) const {
   return [belief = belief, context, odds = config.matchability != nullptr ? detection_odds() : nullptr,
           risk = config.integrity_risk](AnchorMatch match, double log_likelihood_ratio) {

@@ -8,6 +8,7 @@
 #include <tuple>
 #include <utility>
 
+#include "geodesy/hypotenuse.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir {
@@ -27,7 +28,7 @@ constexpr int kNodeStep_px = 16;
 
 // From the principal point, in halves of the diagonal.
 Eigen::Vector2d in_lens(const CameraModel& camera, double x, double y) {
-  return Eigen::Vector2d(x - camera.cx, y - camera.cy) / (std::hypot(camera.width, camera.height) / 2);
+  return Eigen::Vector2d(x - camera.cx, y - camera.cy) / (hypotenuse(camera.width, camera.height) / 2);
 }
 
 // The same ground in two frames, as differences of the one to the other.

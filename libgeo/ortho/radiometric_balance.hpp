@@ -10,8 +10,8 @@
 // than against it. v and b are shared by all frames. Display values are a power of the light, about, so that all remain
 // factors. Of ground that two frames show R cancels:
 //
-//   minimise  Σ w ((e_f - e_g + v_f - v_g + b · (q_f - q_g)) - ln(level_f / level_g))²  +  Σ (e_f / σ_e)²  +  priors of
-//   a, b
+//   minimise  Σ w ((e_f - e_g + v_f - v_g + b · (q_f - q_g)) - ln(level_f / level_g))²  +  Σ (e_f / σ_e)²
+//             +  priors of a and b
 //
 // over all e, a and b, per channel. The level is the mean of a cell of the ground, a twentieth of the first footprint
 // across, so that neither noise nor a pixel of displacement counts. w: all cells that two frames share count as one

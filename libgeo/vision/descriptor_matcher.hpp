@@ -9,9 +9,8 @@
 //      Descriptors bear some turn, so one description serves neighbouring headings.
 //   2. confirm: at the best places the same description is correlated directly, on the map's cells, with headings and
 //      heights between those of the sweep; the ratio compares them.
-//   3. patches: the frame is described anew under the best place's pose; 6 x 6 cells against the map around them, and
-//   the camera's pose from them
-//      (pose_refinement.hpp), twice.
+//   3. patches: the frame is described anew under the best place's pose; 6 x 6 cells are matched
+//      with the map around them, and give the camera's pose (pose_refinement.hpp). Twice.
 //
 // A position is good to about a quarter of a cell, 1 to 2 m where g is 0.5 m: coarser than oriented channels.
 #pragma once

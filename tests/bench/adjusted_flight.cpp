@@ -131,16 +131,6 @@ nlohmann::json json_from(const Figures& f) {
           {"nees_without_map_error", f.own_nees}};
 }
 
-nlohmann::json json_from(const SeamFigures& f) {
-  return {{"seams", f.seams},
-          {"measured", f.shifts_px.size()},
-          {"median_px", quantile(f.shifts_px, 0.5)},
-          {"p95_px", quantile(f.shifts_px, 0.95)},
-          {"median_step", quantile(f.steps, 0.5)},
-          {"p95_step", quantile(f.steps, 0.95)},
-          {"pixel_m", f.gsd_m}};
-}
-
 // Of the frames that have a position: as processed, smoothed, adjusted. No picture of another place is part of it.
 nlohmann::json seams_of(const FlightStore& store, const FlightToAdjust& flight, const AdjustedFlight& adjusted,
                         const std::vector<bool>& outlier, const GroundSurface& surface, const std::string& mosaic) {

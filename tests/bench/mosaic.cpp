@@ -20,16 +20,6 @@
 namespace nadir::bench {
 namespace {
 
-nlohmann::json json_from(const SeamFigures& f) {
-  return {{"seams", f.seams},
-          {"measured", f.shifts_px.size()},
-          {"median_px", quantile(f.shifts_px, 0.5)},
-          {"p95_px", quantile(f.shifts_px, 0.95)},
-          {"median_step", quantile(f.steps, 0.5)},
-          {"p95_step", quantile(f.steps, 0.95)},
-          {"pixel_m", f.gsd_m}};
-}
-
 void run(char** argv) {
   const PosesDocument document = parse_poses(as_text(read_file(argv[1])), argv[1]);
   const Flight flight = read_flight({argv[2], argv[3], argv[4]});

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <opencv2/imgproc.hpp>
 #include <set>
 
@@ -12,6 +13,7 @@
 #include "ortho/orthorectifier.hpp"
 #include "ortho/radiometric_balance.hpp"
 #include "ortho/tile_mosaic.hpp"
+#include "replay/score.hpp"
 
 namespace nadir::bench {
 namespace {
@@ -163,6 +165,16 @@ SeamFigures seams(const CameraModel& camera, const LocalFrame& plane, const Grou
     }
   }
   return figures;
+}
+
+nlohmann::json json_from(const SeamFigures& f) {
+  return {{"seams", f.seams},
+          {"measured", f.shifts_px.size()},
+          {"median_px", quantile(f.shifts_px, 0.5)},
+          {"p95_px", quantile(f.shifts_px, 0.95)},
+          {"median_step", quantile(f.steps, 0.5)},
+          {"p95_step", quantile(f.steps, 0.95)},
+          {"pixel_m", f.gsd_m}};
 }
 
 }  // namespace nadir::bench

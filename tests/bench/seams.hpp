@@ -8,6 +8,7 @@
 #pragma once
 
 #include <functional>
+#include <nlohmann/json_fwd.hpp>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 #include <vector>
@@ -30,6 +31,8 @@ using BenchImageOf = std::function<cv::Mat(std::size_t frame)>;  // CV_8UC1 or C
 // mosaic: where the orthophoto goes, CV_8UC3 with 0 where there is none.
 SeamFigures seams(const CameraModel& camera, const LocalFrame& plane, const GroundSurface& surface,
                   const FramePoses& poses, const BenchImageOf& image_of, cv::Mat* mosaic = nullptr);
+
+nlohmann::json json_from(const SeamFigures& figures);
 
 // The same images with their exposures balanced (ortho/radiometric_balance.hpp).
 BenchImageOf balanced_images(const CameraModel& camera, const GroundSurface& surface, const FramePoses& poses,

@@ -156,7 +156,7 @@ TEST(GpsHealth, PositionsAreComparedAtOneTimeAndLateFixesAreHonest) {
   EXPECT_EQ(flight.fly(2, {.gps_off_m = 16, .vision_sigma_m = 1}), spoofed) << "as far, but across the track";
 }
 
-// Not far enough to be accused again, and too far to be believed.
+// Not far enough to be accused again, and too far to be trusted.
 TEST(GpsHealth, BetweenAgreementAndDisagreementItIsNotTrustedAgain) {
   Flight flight;
   flight.fly(20, {.vision_sigma_m = 3});
