@@ -4,7 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
+#include <functional>
 #include <numeric>
 #include <optional>
 #include <utility>
@@ -112,17 +112,17 @@ std::size_t outcome_class(double log_likelihood_ratio) {
 
 double outcome_evidence(const OutcomeCounts& counts, double log_likelihood_ratio, SecondOutcome outcome) {
   using Row = std::array<int, OutcomeCounts::kOutcomes>;
-  const auto from = [](const OutcomeCounts::Counts& rows, std::size_t lowest) {
-    Row sum{};
-    for (std::size_t row = lowest; row < rows.size(); ++row) {
-      for (std::size_t column = 0; column < sum.size(); ++column) sum[column] += rows[row][column];
-    }
-    return sum;
-  };
   const auto total = [](const Row& row) { return std::accumulate(row.begin(), row.end(), 0.0); };
-  std::size_t lowest = outcome_class(log_likelihood_ratio);
-  while (lowest > 0 && total(from(counts.chance, lowest)) == 0) --lowest;
-  const Row place = from(counts.place, lowest), chance = from(counts.chance, lowest);
+  const auto add = [](Row& sum, const Row& row) {
+    std::transform(sum.begin(), sum.end(), row.begin(), sum.begin(), std::plus());
+  };
+  std::size_t row = outcome_class(log_likelihood_ratio);
+  Row place = counts.place[row], chance = counts.chance[row];
+  while (row > 0 && total(chance) == 0) {
+    --row;
+    add(place, counts.place[row]);
+    add(chance, counts.chance[row]);
+  }
   const double places = total(place), chances = total(chance);
   if (places == 0 || chances == 0) return 0;  // nothing was counted
   const auto column = static_cast<std::size_t>(outcome);
@@ -155,17 +155,17 @@ SecondOutcome outcome_of(const AnchorMatch& of, const AnchorMatch& other, double
 JointEvidence joint_evidence(const AnchorMatch& first, double log_first, const AnchorMatch& second, double log_second,
                              bool may_replace, const SecondLikelihoodTable& table) {
   JointEvidence joint;
+  const double most = std::min(table.look.limit, opinion::kMostClaim);
   if (has_candidate(first)) {
     joint.log_likelihood_ratio =
         std::clamp(log_first + outcome_evidence(table.first, log_first, outcome_of(first, second, log_second)),
-                   -table.look.limit, std::max(log_first, table.look.limit));
+                   -table.look.limit, std::max(log_first, most));
   }
   const SecondOutcome of_second = outcome_of(second, first, log_first);
   if (!may_replace || !has_candidate(second) || is_agreement(of_second)) return joint;
-  // Another place. Of two candidates the better one counts, and each had its chance: less ln 2.
+  // Another place. Of the two the likelier one is the candidate.
   const double log_other =
-      log_second + std::min(0.0, outcome_evidence(table.second, log_second, of_second)) - std::numbers::ln2;
-  if (joint.log_likelihood_ratio) *joint.log_likelihood_ratio -= std::numbers::ln2;
+      std::min(most, log_second + std::min(0.0, outcome_evidence(table.second, log_second, of_second)));
   if (joint.log_likelihood_ratio && *joint.log_likelihood_ratio >= log_other) return joint;
   return {.of_second = true, .log_likelihood_ratio = log_other};
 }

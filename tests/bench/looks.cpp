@@ -84,10 +84,15 @@ MapMatcherFactory matcher_of(std::string& name, const DescriptorMatching& how) {
       return make_keypoint_matcher(map, backend);
     };
   }
-  const OpenedNetwork opened = open_network({name, std::nullopt}, plugin_folders());
+  const std::filesystem::path model = name;
+  const auto open = [model] { return open_network({model, std::nullopt}, plugin_folders()); };
+  const OpenedNetwork opened = open();
   std::cerr << fmt::format("looks: {} by {}\n", opened.network->name(), opened.runtime);
   name = opened.network->name();
-  return [network = opened.network, how](const MatcherMap& map) { return make_descriptor_matcher(map, network, how); };
+  return [open, how](const MatcherMap& map) {
+    thread_local const OpenedNetwork own = open();  // a network answers one call at a time
+    return make_descriptor_matcher(map, own.network, how);
+  };
 }
 
 }  // namespace

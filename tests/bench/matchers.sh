@@ -25,8 +25,8 @@ if [[ -z $results ]]; then
   trap 'rm -rf -- "$results"' EXIT
 fi
 mkdir -p "$results"
-draw=(--seed 1000041 --real 0.7 --right 0.5)
-[[ -z $write ]] || draw=(--seed 41)
+draw=(--seed 1000043 --worlds 8 --real 0.7 --right 0.3)
+[[ -z $write ]] || draw=(--seed 41 --worlds 8)
 kind=judge
 [[ -z $write ]] || kind=train
 take() { # NAME MATCHER

@@ -39,20 +39,25 @@ SecondLikelihoodTable table() {
 
 TEST(OutcomeEvidence, AnAgreementSaysWhatItsBoundAllows) {
   const OutcomeCounts counts = counted();
-  // Of those as sure or surer: 140 of 200 places, and 2 of 1100 chance peaks, of which 7.3 are assumed as the upper
-  // bound.
-  EXPECT_NEAR(outcome_evidence(counts, 1, SecondOutcome::agrees_strongly), std::log(0.7 / (7.326 / 1100)), 1e-3);
-  EXPECT_NEAR(outcome_evidence(counts, -1, SecondOutcome::agrees_strongly), std::log(170.0 / 300 / (7.326 / 2100)),
-              1e-3);
+  // Of its class: 60 of 100 places, and 1 of 1000 chance peaks, of which 5.6 are assumed as the upper bound.
+  EXPECT_NEAR(outcome_evidence(counts, 1, SecondOutcome::agrees_strongly), std::log(0.6 / (5.645 / 1000)), 1e-3);
   // Never seen by chance: three are assumed.
+  EXPECT_NEAR(outcome_evidence(counts, -1, SecondOutcome::agrees_strongly), std::log(0.3 / (3.0 / 1000)), 1e-3);
   OutcomeCounts never = counts;
-  never.chance[2][0] = 0;
-  EXPECT_NEAR(outcome_evidence(never, 5, SecondOutcome::agrees_strongly), std::log(0.8 / (3.0 / 99)), 1e-3);
   // Where no chance peak was as sure, those of the next class count.
   never.chance[2] = {};
   EXPECT_NEAR(outcome_evidence(never, 5, SecondOutcome::agrees_strongly), std::log(0.7 / (5.645 / 1000)), 1e-3);
   EXPECT_LT(outcome_evidence(counts, 1, SecondOutcome::agrees),
             outcome_evidence(counts, 1, SecondOutcome::agrees_strongly));
+}
+
+// What shows little to the first shows little to the second: its silence is held against those that are sure of
+// themselves.
+TEST(OutcomeEvidence, SilenceSaysLittleAgainstAWeakMatch) {
+  const OutcomeCounts counts = counted();
+  for (const SecondOutcome silent : {SecondOutcome::none, SecondOutcome::differs}) {
+    EXPECT_GT(outcome_evidence(counts, -1, silent), outcome_evidence(counts, 1, silent));
+  }
 }
 
 TEST(OutcomeEvidence, OnlyAnAgreementMakesSurer) {
@@ -151,7 +156,7 @@ TEST_F(Opinion, AnAgreementMakesSurer) {
   const AnchorMatch match = look();
   ASSERT_TRUE(match.judged_log_likelihood_ratio);
   EXPECT_GT(*match.judged_log_likelihood_ratio, by_itself() + 1);
-  EXPECT_LE(*match.judged_log_likelihood_ratio, table_.look.limit);
+  EXPECT_LT(*match.judged_log_likelihood_ratio, parameters::belief::kUnambiguous);
   EXPECT_EQ(match.solved->pose.position.east_m, 1010) << "the first one's place, which is the finer one";
 }
 
@@ -170,6 +175,18 @@ TEST_F(Opinion, TheOtherPlaceMayBeTheLikelierOne) {
   EXPECT_EQ(match.solved->pose.position.east_m, 960);
   AnchorMatch alone = Scripted(second_).match({}, prior_);
   EXPECT_LT(*match.judged_log_likelihood_ratio, log_likelihood_ratio(alone, prior_, 40'000));
+}
+
+// Nor by its own, however sure it is of it.
+TEST_F(Opinion, NothingBecomesUnambiguousByTheSecond) {
+  for (const PlanePoint place : {PlanePoint{1010, 2010}, PlanePoint{960, 2050}}) {
+    first_.ratio = 0.85;
+    second_ = {.place = place, .ratio = 0};
+    EXPECT_LT(by_itself(), parameters::belief::kUnambiguous);
+    const AnchorMatch match = look();
+    EXPECT_EQ(match.solved->pose.position.east_m, place.east_m);
+    EXPECT_LE(*match.judged_log_likelihood_ratio, parameters::second_opinion::kMostClaim);
+  }
 }
 
 TEST_F(Opinion, SilenceOfTheFirstLeavesTheSecond) {
