@@ -19,15 +19,19 @@ function(nadir_library name)
   endif()
 endfunction()
 
-# nadir_test(<name> [COST n] [SOURCES …] LINK …): one GoogleTest program per folder of tests/, of its *_test.cpp and SOURCES; its
-# suites are known to ctest as <name>.<Suite>, which begins with those of the highest cost (of none: 0).
+# nadir_test(<name> [COMPUTES] [COST n] [SOURCES …] LINK …): one GoogleTest program per folder of tests/, of its *_test.cpp and
+# SOURCES; its suites are known to ctest as <name>.<Suite>, which begins with those of the highest cost (of none: 0). COMPUTES: the
+# tests' own code does, with matrices, so that it is optimised like other code.
 function(nadir_test name)
-  cmake_parse_arguments(TEST "" "COST" "SOURCES;LINK" ${ARGN})
+  cmake_parse_arguments(TEST "COMPUTES" "COST" "SOURCES;LINK" ${ARGN})
   file(GLOB cases CONFIGURE_DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/*_test.cpp")
   add_executable(test_${name} ${cases} ${TEST_SOURCES})
   target_link_libraries(test_${name} PRIVATE ${TEST_LINK} nadir_test_support nadir_test_main nadir_warnings)
   target_include_directories(test_${name} PRIVATE "${PROJECT_SOURCE_DIR}/tests")
-  target_precompile_headers(test_${name} REUSE_FROM nadir_test_pch)
+  if(NOT TEST_COMPUTES)
+    target_precompile_headers(test_${name} REUSE_FROM nadir_test_pch)
+    target_compile_options(test_${name} PRIVATE ${NADIR_TESTS})
+  endif()
   set(suites "${CMAKE_CURRENT_BINARY_DIR}/${name}_suites")
   file(GENERATE OUTPUT "${suites}.cmake" CONTENT "set(SUITES_NAME ${name})
 set(SUITES_PROGRAM [[$<TARGET_FILE:test_${name}>]])
