@@ -19,6 +19,7 @@
 #include <utility>
 
 #include "adjustment/marginal_covariance.hpp"
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 namespace {
@@ -388,7 +389,7 @@ void AdjustmentRun::add_motion() {
   for (std::size_t i = 1; i < free_.size(); ++i) {
     if (!motion_between(i)) continue;
     const Eigen::Vector3d step_m = data_.starts[i].centre_m() - data_.starts[i - 1].centre_m();
-    add_term(motion_cost(step_m, std::hypot(table::kMotionSigma_m, table::kMotionSigmaShare * step_m.norm())), nullptr,
+    add_term(motion_cost(step_m, hypotenuse(table::kMotionSigma_m, table::kMotionSigmaShare * step_m.norm())), nullptr,
              {state_.frames[i - 1].values.data(), state_.frames[i].values.data()});
   }
 }

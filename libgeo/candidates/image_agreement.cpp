@@ -5,6 +5,8 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
+#include "geodesy/hypotenuse.hpp"
+
 namespace nadir {
 namespace {
 
@@ -118,7 +120,7 @@ Agreement compare_images(const FineStructure& one, const FineStructure& other) {
   const double there = coefficient_at(one.values, other.values, shift),
                here = coefficient_at(one.values, other.values, {});
   if (here >= there) return {.shift_px = 0, .correlation = here};
-  return {.shift_px = std::hypot(shift.x, shift.y), .correlation = there};
+  return {.shift_px = hypotenuse(shift.x, shift.y), .correlation = there};
 }
 
 }  // namespace nadir

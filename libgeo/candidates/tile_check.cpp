@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/error.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "geodesy/local_frame.hpp"
 #include "geodesy/web_mercator.hpp"
 
@@ -25,7 +26,7 @@ double angle_to(const LonLat& corner, const CandidatePose& pose, double sigmas) 
       {static_cast<double>(pose.lon_e7) * kDegreesPerE7, static_cast<double>(pose.lat_e7) * kDegreesPerE7});
   const Enu at = frame.enu_from_geodetic({corner, 0});
   // Beyond the horizon the plane's coordinates come back; what lies below it is far away.
-  const double distance_m = std::hypot(at.east_m, at.north_m, at.up_m);
+  const double distance_m = hypotenuse(at.east_m, at.north_m, at.up_m);
   const double slack_m = sigmas * static_cast<double>(pose.sigma_mm) / 1000;
   return std::atan2(std::max(0.0, distance_m - slack_m), static_cast<double>(pose.agl_mm) / 1000);
 }

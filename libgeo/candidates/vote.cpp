@@ -6,6 +6,8 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "geodesy/hypotenuse.hpp"
+
 namespace nadir {
 namespace {
 
@@ -157,7 +159,7 @@ bool independent(const CandidateSidecar& one, const CandidateSidecar& other, con
 }
 
 std::int64_t allowed_shift_mm(double sigma_one_mm, double sigma_other_mm, const CandidateRules& rules) {
-  return std::max(rules.floor_mm, static_cast<std::int64_t>(rules.sigmas * std::hypot(sigma_one_mm, sigma_other_mm)));
+  return std::max(rules.floor_mm, static_cast<std::int64_t>(rules.sigmas * hypotenuse(sigma_one_mm, sigma_other_mm)));
 }
 
 Outcome decide(const AddressCandidates& address, const CompareImages& compare, std::int64_t now_ms,

@@ -11,6 +11,7 @@
 #include "base/error.hpp"
 #include "base/printable.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "http/json_body.hpp"
 #include "http/multipart.hpp"
 
@@ -343,7 +344,7 @@ SearchHint carried_to_the_present(SearchHint hint, std::size_t frame, const Flig
   if (then.position && now.position && then.segment == now.segment) {
     const PlanePoint way = LocalFrame(*then.position).plane_from_lonlat(*now.position);
     hint.place = LocalFrame(hint.place).lonlat_from_plane(way);
-    hint.radius_m += kDriftShare * std::hypot(way.east_m, way.north_m);
+    hint.radius_m += kDriftShare * hypotenuse(way.east_m, way.north_m);
   } else {
     hint.radius_m += kUnknownSpeed_mps * std::max(0.0, now.time_s - then.time_s);
   }

@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "flights/picture_at_one_moment.hpp"
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 namespace {
@@ -72,7 +73,7 @@ FrameView view_of(const FlightStore& store, const FlightGround& ground, std::siz
   view.camera.covariance = pose->covariance;
   const auto sigma = [&](int parameter) { return std::sqrt(std::max(0.0, pose->covariance(parameter, parameter))); };
   view.agl_sigma_m = sigma(2);
-  view.tilt_sigma_rad = std::hypot(sigma(3), sigma(4)) / std::numbers::sqrt2;
+  view.tilt_sigma_rad = hypotenuse(sigma(3), sigma(4)) / std::numbers::sqrt2;
   view.heading_sigma_rad = sigma(5);  // about the optical axis
   return view;
 }

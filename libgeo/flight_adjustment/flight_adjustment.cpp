@@ -10,6 +10,7 @@
 #include "adjustment/adjustment_parameters.hpp"
 #include "base/error.hpp"
 #include "flights/picture_at_one_moment.hpp"
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 namespace {
@@ -83,7 +84,7 @@ class MeasuredFlight {
                  .heading_sigma_rad = sigma.heading_rad,
                  .log_height_sigma = sigma.agl_relative,
                  .continues_flight = frame.continues_flight};
-    if (!anchored_) tie.tilt_sigma_rad = std::hypot(tie.tilt_sigma_rad, sigma.tilt_rad);  // boresight is not known yet
+    if (!anchored_) tie.tilt_sigma_rad = hypotenuse(tie.tilt_sigma_rad, sigma.tilt_rad);  // boresight is not known yet
     return tie;
   }
 
@@ -97,7 +98,7 @@ class MeasuredFlight {
                          t.roll_rad.value_or(0)};
     attitude.tilt_sigma_rad = tilt_sigma_rad(i);
     using namespace parameters::telemetry;
-    attitude.heading_sigma_rad = t.heading_rad ? std::hypot(kDeviationShare, kWhiteHeadingShare) * sigma.heading_rad
+    attitude.heading_sigma_rad = t.heading_rad ? hypotenuse(kDeviationShare, kWhiteHeadingShare) * sigma.heading_rad
                                                : std::sqrt(kUnknownHeadingVariance_rad2);
     if (t.agl_m && *t.agl_m <= block_table::kMaxAgl_m) result.height = {*t.agl_m, sigma.agl_relative};
     return result;
@@ -121,7 +122,7 @@ class MeasuredFlight {
     const bool measured = telemetry_[i].pitch_rad && telemetry_[i].roll_rad;
     // A logged tilt drifts as well, which a constant boresight does not follow.
     if (measured) return std::max(scatter, flight_.camera.uncertainty.tilt_rad);
-    return tilt_logged_ ? std::hypot(scatter, parameters::flight_filter::kMissingTilt_rad) : scatter;
+    return tilt_logged_ ? hypotenuse(scatter, parameters::flight_filter::kMissingTilt_rad) : scatter;
   }
 
   CameraPose start_pose(std::size_t i) const {

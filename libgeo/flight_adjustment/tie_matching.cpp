@@ -8,6 +8,7 @@
 
 #include "adjustment/adjustment_parameters.hpp"
 #include "base/platform.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir {
@@ -134,7 +135,7 @@ std::vector<FeatureMatch> agreeing_ties(const TieView& first, const TieView& sec
   const double baseline_m = distance_m(first.pose.position, second.pose.position);
   const double parallax_px = camera.fx * std::min(baseline_m, height_m) * relief_sigma_m / (height_m * height_m);
   using namespace parameters::visual_odometry;
-  const double bound_px = std::hypot(kHomographyThreshold_px, std::min(parallax_px, kMostParallax_px));
+  const double bound_px = hypotenuse(kHomographyThreshold_px, std::min(parallax_px, kMostParallax_px));
   std::vector<std::uint8_t> inlier;
   const cv::Mat homography =
       cv::findHomography(from, to, cv::USAC_MAGSAC, bound_px, inlier, kHomographyIterations, kHomographyConfidence);

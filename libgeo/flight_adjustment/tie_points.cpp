@@ -7,6 +7,7 @@
 
 #include "adjustment/adjustment_parameters.hpp"
 #include "flight_adjustment/tie_matching.hpp"
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 namespace {
@@ -18,12 +19,12 @@ double reach_px(const CameraModel& camera, const TieFrame& a, const TieFrame& b,
   const double side_px = std::max(camera.width, camera.height), height_m = std::min(a.pose.agl_m, b.pose.agl_m);
   // Of a step that odometry tracked, both positions err together.
   const double position_m = tracked ? kStepSigmaShare * distance_m(a.pose.position, b.pose.position)
-                                    : std::hypot(a.position_sigma_m, b.position_sigma_m);
+                                    : hypotenuse(a.position_sigma_m, b.position_sigma_m);
   const double position_px = camera.fx * position_m / height_m;
-  const double tilt_px = camera.fx * std::hypot(a.tilt_sigma_rad, b.tilt_sigma_rad);
-  const double turn_px = 0.5 * side_px * std::hypot(a.heading_sigma_rad, b.heading_sigma_rad);
-  const double scale_px = 0.5 * side_px * std::hypot(a.log_height_sigma, b.log_height_sigma);
-  const double sigma_px = std::hypot(std::hypot(position_px, tilt_px), std::hypot(turn_px, scale_px));
+  const double tilt_px = camera.fx * hypotenuse(a.tilt_sigma_rad, b.tilt_sigma_rad);
+  const double turn_px = 0.5 * side_px * hypotenuse(a.heading_sigma_rad, b.heading_sigma_rad);
+  const double scale_px = 0.5 * side_px * hypotenuse(a.log_height_sigma, b.log_height_sigma);
+  const double sigma_px = hypotenuse(hypotenuse(position_px, tilt_px), hypotenuse(turn_px, scale_px));
   return std::clamp(kReachSigmas * sigma_px, kLeastReach * side_px, kMostReach * side_px);
 }
 

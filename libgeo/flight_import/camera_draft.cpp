@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 namespace {
@@ -115,7 +116,7 @@ constexpr double kFilmDiagonal_mm = 43.2666;  // 36 x 24 mm
 
 std::optional<double> film_focal_px(const PhotoFacts& photo) {
   if (!photo.focal_35mm) return std::nullopt;
-  return *photo.focal_35mm / kFilmDiagonal_mm * std::hypot(photo.size.width, photo.size.height);
+  return *photo.focal_35mm / kFilmDiagonal_mm * hypotenuse(photo.size.width, photo.size.height);
 }
 
 CameraModel pinhole(FrameSize size, double focal_px) {

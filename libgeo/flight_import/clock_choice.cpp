@@ -7,6 +7,7 @@
 
 #include "base/plural.hpp"
 #include "flight_import/picture_turns.hpp"
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 namespace {
@@ -55,7 +56,7 @@ std::optional<ClockOffset> choose_clock_offset(const PhotoSet& set, const Flight
   if (utc_s) {
     const double sigma_s = stated.zone_s ? 2 : set.zone_sigma_s;
     by_utc = ClockOffset{*utc_s,
-                         std::hypot(sigma_s, 0.3),
+                         hypotenuse(sigma_s, 0.3),
                          0,
                          "UTC of both: " + (stated.zone_s ? std::string("--zone-h") : set.zone_from),
                          {}};

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 namespace {
@@ -236,7 +237,7 @@ ClockOffsetResult offset_from_turns(const std::vector<SeenTurn>& turns, double s
   const double low_s = grid.begin_s() - first_s - 0.3 * span_s, high_s = grid.end_s() - last_s + 0.3 * span_s;
   if (!(high_s > low_s)) return {{}, "the photos span more time than the log"};
   // While turning, a rounded time is a heading that is off: 20 degrees per second are a sharp turn of a fixed wing.
-  const double sigma_rad = std::hypot(kTurnSigma_rad, step_s > 0.2 ? 0.1 * step_s : 0.0);
+  const double sigma_rad = hypotenuse(kTurnSigma_rad, step_s > 0.2 ? 0.1 * step_s : 0.0);
   struct Sample {
     double offset_s, cost;
   };

@@ -8,6 +8,7 @@
 
 #include "base/plural.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 namespace {
@@ -51,7 +52,7 @@ FrameTelemetry::FrameTelemetry(const StatedTelemetry& stated, const FlightLog* l
 bool FrameTelemetry::measure(const PhotoFacts& photo, std::optional<double> log_s, ImportedFrame& frame) {
   const auto attitude_from = set_attitude(photo, log_s, frame);
   const auto height_from = set_height(photo, log_s, frame);
-  if (std::hypot(frame.pitch_rad.value_or(0), frame.roll_rad.value_or(0)) > kMaxTilt_rad) {
+  if (hypotenuse(frame.pitch_rad.value_or(0), frame.roll_rad.value_or(0)) > kMaxTilt_rad) {
     ++oblique_;
     return false;
   }

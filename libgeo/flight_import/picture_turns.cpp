@@ -6,6 +6,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "base/error.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "imagery/frame_image.hpp"
 #include "vision/feature_matching.hpp"
 #include "vision/sift_features.hpp"
@@ -35,7 +36,7 @@ std::optional<double> turn_from(const SiftFeatures& before, const SiftFeatures& 
   const cv::Mat similarity = cv::estimateAffinePartial2D(from, to, inliers, cv::RANSAC, kReprojection_px);
   if (similarity.empty() || cv::countNonZero(inliers) < kMinTurnInliers) return std::nullopt;
   const double cosine = similarity.at<double>(0, 0), sine = similarity.at<double>(1, 0);
-  const double scale = std::hypot(cosine, sine);
+  const double scale = hypotenuse(cosine, sine);
   if (!(scale > 1 / kMaxScaleChange && scale < kMaxScaleChange)) return std::nullopt;
   // The ground turns against the aircraft; y is down, so that a positive angle is clockwise.
   return -std::atan2(sine, cosine);

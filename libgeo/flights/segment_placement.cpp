@@ -9,6 +9,7 @@
 #include "estimation/look_likelihood.hpp"
 #include "estimation/map_look.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir {
@@ -271,7 +272,7 @@ AnchorPrior SegmentPlacement::prior_of(const SegmentSimilarity::Pose& pose, cons
   AnchorPrior prior;
   prior.search.pose = {
       pose.position, pose.agl_m, {pose.heading_rad, frame.attitude.pitch_rad, frame.attitude.roll_rad}};
-  const double heading_sigma_rad = std::hypot(pose.heading_sigma_rad, kTurnOfFrame_rad);
+  const double heading_sigma_rad = hypotenuse(pose.heading_sigma_rad, kTurnOfFrame_rad);
   prior.heading_sigma_rad = std::max(kLeastHeadingSigma_rad, heading_sigma_rad);
   prior.search.heading_range_rad = std::min(kPi, kHeadingSigmas * prior.heading_sigma_rad);
   prior.log_agl_sigma = std::max(kMinHeightSigma, pose.log_agl_sigma);

@@ -15,6 +15,7 @@
 #include "estimation/odometry_features.hpp"
 #include "estimation/terrain_surface.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir {
@@ -294,7 +295,7 @@ std::optional<Match> SharedGround::Impl::match(const Floating& one, std::size_t 
   if (similarity.empty()) return std::nullopt;
   const double c = similarity.at<double>(0, 0), s = similarity.at<double>(1, 0);
   const double expected_scale = reference.pose.agl_m / seen.frame.agl_m;
-  if (!(std::abs(std::log(std::hypot(c, s) / expected_scale)) < kMostLogScale)) return std::nullopt;
+  if (!(std::abs(std::log(hypotenuse(c, s) / expected_scale)) < kMostLogScale)) return std::nullopt;
   OdometryFrame now = seen.frame;
   // Image-up turns clockwise over the ground as the ground turns counter-clockwise in the image.
   now.attitude.heading_rad = wrap_pi(reference.pose.attitude.heading_rad - std::atan2(s, c));
@@ -310,14 +311,14 @@ std::optional<Match> SharedGround::Impl::match(const Floating& one, std::size_t 
   result.index = index;
   result.reference = reference;
   result.displacement_m = step.displacement_m;
-  const double turned_m = step.displacement_m.norm() * std::hypot(reference.heading_sigma_rad, reference.log_agl_sigma);
+  const double turned_m = step.displacement_m.norm() * hypotenuse(reference.heading_sigma_rad, reference.log_agl_sigma);
   result.covariance_m2 = step.covariance_m2 + squared(turned_m) * Eigen::Matrix2d::Identity();
   result.heading_rad = wrap_pi(now.attitude.heading_rad + step.measurement.value[3]);
-  result.heading_sigma_rad = std::hypot(std::hypot(reference.heading_sigma_rad, kTurnOfPicture_rad),
+  result.heading_sigma_rad = hypotenuse(hypotenuse(reference.heading_sigma_rad, kTurnOfPicture_rad),
                                         std::sqrt(std::min(1.0, step.measurement.covariance(3, 3))));
   result.inliers = step.inliers;
   const double turn_rad = wrap_pi(result.heading_rad - one.shape.frames[index].attitude.heading_rad);
-  const double turn_sigma_rad = std::hypot(one.shape.turn_sigma_rad, result.heading_sigma_rad);
+  const double turn_sigma_rad = hypotenuse(one.shape.turn_sigma_rad, result.heading_sigma_rad);
   if (one.shape.turn_sigma_rad < kMeasuredHeading_rad && std::abs(turn_rad) > kTurnSigmas * turn_sigma_rad)
     return std::nullopt;
   return result;

@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 
@@ -19,7 +20,7 @@ struct ErrorEllipse {
 inline ErrorEllipse error_ellipse(double east_var_m2, double east_north_cov_m2, double north_var_m2) {
   const double mean = 0.5 * (east_var_m2 + north_var_m2);
   const double half_gap = 0.5 * (east_var_m2 - north_var_m2);
-  const double radius = std::hypot(half_gap, east_north_cov_m2);
+  const double radius = hypotenuse(half_gap, east_north_cov_m2);
   double bearing_deg = 90 - degrees(0.5 * std::atan2(east_north_cov_m2, half_gap));
   if (bearing_deg >= 180) bearing_deg -= 180;
   return {std::sqrt(std::max(0.0, mean + radius)), std::sqrt(std::max(0.0, mean - radius)), bearing_deg};

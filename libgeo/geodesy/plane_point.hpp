@@ -17,7 +17,8 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cmath>
+
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 
@@ -43,6 +44,6 @@ struct PlanePoint {
   bool operator==(const PlanePoint&) const = default;
 };
 
-inline double distance_m(PlanePoint a, PlanePoint b) { return std::hypot(a.east_m - b.east_m, a.north_m - b.north_m); }
+inline double distance_m(PlanePoint a, PlanePoint b) { return hypotenuse(a.east_m - b.east_m, a.north_m - b.north_m); }
 
 }  // namespace nadir

@@ -2,13 +2,13 @@
 
 #include <fmt/format.h>
 
-#include <cmath>
 #include <nlohmann/json.hpp>
 #include <optional>
 
 #include "base/error.hpp"
 #include "base/json.hpp"
 #include "base/printable.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "http/client.hpp"
 
 namespace nadir {
@@ -115,7 +115,7 @@ WatchedStatus parse_watched_status(std::string_view json_text) {
   status.alert_limit_m = number_or_zero(integrity, "alert_limit_m");
   if (!in.is_null("velocity")) {
     const JsonReader velocity = in.object("velocity");
-    status.speed_mps = std::hypot(number_or_zero(velocity, "east_m_s"), number_or_zero(velocity, "north_m_s"));
+    status.speed_mps = hypotenuse(number_or_zero(velocity, "east_m_s"), number_or_zero(velocity, "north_m_s"));
   }
   status.anchor_age_s = number(in, "anchor_age_s");
   status.heading_deg = number(in, "heading_deg");

@@ -4,12 +4,14 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "geodesy/hypotenuse.hpp"
+
 namespace nadir {
 namespace {
 
 // Clouds and fog from above: brighter than dry fields, without colour and without texture.
 constexpr int kCloudBrightness = 205, kCloudColour = 18;
-constexpr float kCloudTexture = 6;  // gradient, grey levels a pixel
+constexpr double kCloudTexture = 6;  // gradient, grey levels a pixel
 
 }  // namespace
 
@@ -82,7 +84,7 @@ TilePixels measure_tile(const cv::Mat& bgr) {
     for (int c = 0; c < small.cols; ++c) {
       const auto& p = small.at<cv::Vec3b>(r, c);
       const int high = std::max({p[0], p[1], p[2]}), low = std::min({p[0], p[1], p[2]});
-      const bool smooth = std::hypot(dx.at<float>(r, c), dy.at<float>(r, c)) < kCloudTexture;
+      const bool smooth = hypotenuse(dx.at<float>(r, c), dy.at<float>(r, c)) < kCloudTexture;
       if (low >= kCloudBrightness && high - low <= kCloudColour && smooth) ++clouded;
     }
   }

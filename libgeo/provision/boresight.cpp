@@ -13,6 +13,7 @@
 #include "estimation/pose_measurements.hpp"
 #include "estimation/terrain_surface.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "replay/flight_folder.hpp"
 #include "vision/camera_frame.hpp"
 #include "vision/map_matcher.hpp"
@@ -261,11 +262,11 @@ AnchorPrior prior_of(const BoresightMeasurement& measurement, const Attitude& mo
   AnchorPrior prior;
   prior.search.pose = {measurement.gps_position, agl_m, camera_attitude(measurement.aircraft, mount)};
   prior.search.radius_m = std::max(kLeastRadius_m, 1.5 * agl_m * std::tan(kMountRange_rad));
-  prior.heading_sigma_rad = std::hypot(uncertainty.heading_rad, kMountRange_rad / 2);
+  prior.heading_sigma_rad = hypotenuse(uncertainty.heading_rad, kMountRange_rad / 2);
   prior.search.heading_range_rad = 2 * prior.heading_sigma_rad;
   prior.log_agl_sigma = uncertainty.agl_relative;
   prior.search.scale_range = 2.5 * uncertainty.agl_relative;
-  const double tilt_rad = std::hypot(uncertainty.tilt_rad, kMountRange_rad / 2);
+  const double tilt_rad = hypotenuse(uncertainty.tilt_rad, kMountRange_rad / 2);
   prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * tilt_rad * tilt_rad;
   return prior;
 }

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 
+#include "geodesy/hypotenuse.hpp"
 #include "vision/ground_ray.hpp"
 
 namespace nadir {
@@ -112,7 +113,7 @@ std::variant<ObjectPlace, NoObjectPlace> locate_object(const CameraModel& camera
   result.place = frame.lonlat_from_plane({point->x(), point->y()});
   result.error_bound_m =
       std::sqrt(kChi2Of95 * Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues().maxCoeff());
-  result.range_m = std::hypot(point->x() - below.east_m, point->y() - below.north_m, pose.agl_m);
+  result.range_m = hypotenuse(point->x() - below.east_m, point->y() - below.north_m, pose.agl_m);
   return result;
 }
 

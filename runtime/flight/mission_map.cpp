@@ -1,9 +1,9 @@
 #include "flight/mission_map.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 #include "estimation/localizer.hpp"
+#include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
 
@@ -26,7 +26,7 @@ double MissionMap::distance_m(const LonLat& place) const {
   const LonLat nearest = frame_->lonlat_from_plane(
       {std::clamp(at.east_m, area.west_m, area.east_m), std::clamp(at.north_m, area.south_m, area.north_m)});
   const Enu apart = LocalFrame(nearest).enu_from_geodetic({place, 0});
-  return std::hypot(apart.east_m, apart.north_m, apart.up_m);
+  return hypotenuse(apart.east_m, apart.north_m, apart.up_m);
 }
 
 std::optional<double> MissionMap::ground_msl_m(const LonLat& place) const {

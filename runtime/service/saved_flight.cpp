@@ -13,6 +13,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/json.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "geodesy/local_frame.hpp"
 #include "service/sealed_text.hpp"
 #include "service/service_rules.hpp"
@@ -116,10 +117,10 @@ Age age_of(const SavedFlight& flight, double monotonic_s, std::int64_t unix_us, 
 // Propagated with its velocity.
 RestartPosition propagated(const SavedEstimate& estimate, const SavedVelocity& velocity, double age_s) {
   const double turn_m = 0.5 * kRestartTurn_mps2 * age_s * age_s;
-  const double waiting_m = kFirstFrameAfterRestart_s * std::hypot(velocity.east_mps, velocity.north_mps);
+  const double waiting_m = kFirstFrameAfterRestart_s * hypotenuse(velocity.east_mps, velocity.north_mps);
   return {
       .place = LocalFrame(estimate.place).lonlat_from_plane({velocity.east_mps * age_s, velocity.north_mps * age_s}),
-      .sigma_m = estimate.sigma_m + std::hypot(turn_m, kRestartVelocitySigma_mps * age_s, waiting_m)};
+      .sigma_m = estimate.sigma_m + hypotenuse(turn_m, kRestartVelocitySigma_mps * age_s, waiting_m)};
 }
 
 }  // namespace

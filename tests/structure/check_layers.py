@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Fails when a folder uses another that it may not use, when a header includes a library that costs too much there, or when
-two headers define a type of one name: in one program the linker would take the functions of one of them for both.
+"""Fails when a folder uses another that it may not use, when a header includes a library that costs too much there, when
+two headers define a type of one name (in one program the linker would take the functions of one of them for both), or when a function is
+called whose bits differ between processors.
 
 usage: check_layers.py PROJECT_ROOT [--unused]
 
@@ -78,6 +79,8 @@ ONLY_IN = [
     (re.compile(r"^ceres/"), {"adjustment", "provision"}),
     (re.compile(r"^exiv2/"), {"flight_import"}),
 ]
+# Rounded differently by the C libraries of amd64 and arm64.
+HYPOT = re.compile(r"\bstd::hypot\(")
 TYPE = re.compile(r"^(?:struct|class|enum class) (\w+)(?: final)?(?:\s*:(?!:)[^{;]*)?\s*\{", re.MULTILINE)
 INCLUDE = re.compile(r'^\s*#\s*include\s+["<]([^">]+)[">]')
 
@@ -120,6 +123,8 @@ def check(root):
                     found.append(f'{where}: "{name}" may be included in {", ".join(sorted(folders))} only')
             if path.suffix == ".hpp" and HEAVY_IN_HEADERS.match(name):
                 found.append(f'{where}: a header includes "{name}"; include it in a .cpp')
+        if HYPOT.search(path.read_text(encoding="utf-8")):
+            found.append(f"{relative}: std::hypot has other last bits on arm64; use hypotenuse() (geodesy/hypotenuse.hpp)")
     defined = {}
     for path in sources(root, "*.hpp"):
         for name in TYPE.findall(path.read_text(encoding="utf-8")):

@@ -67,6 +67,10 @@ class Rules(unittest.TestCase):
             self.assertTrue(self.violations("tools/commands/a.hpp", f"#include <{name}>\n"), name)
         self.assertEqual([], self.violations("tools/commands/a.hpp", "#include <nlohmann/json_fwd.hpp>\n"))
 
+    def test_a_function_that_rounds_by_processor(self):
+        self.assertEqual(1, len(self.violations("libgeo/geodesy/a.cpp", "double d = std::hypot(x, y);\n")))
+        self.assertEqual([], self.violations("libgeo/geodesy/a.cpp", "double d = hypotenuse(x, y);  // not std::hypot\n"))
+
     def test_two_types_of_one_name(self):
         one = "namespace nadir {\nclass Client final : public Base {\n};\n"
         path = "tools/commands/a.hpp"

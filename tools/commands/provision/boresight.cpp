@@ -19,6 +19,7 @@
 #include "commands/scratch_folder.hpp"
 #include "estimation/localizer.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/hypotenuse.hpp"
 #include "provision/airframe_manifest.hpp"
 #include "provision/boresight.hpp"
 #include "replay/flight_folder.hpp"
@@ -204,7 +205,7 @@ int ProvisionBoresightCommand::run(Context& context) {
   BoresightSettings settings{airframe.mount, airframe.camera.uncertainty};
   settings.gps_sigma_m = gps_sigma_m_;
   settings.gyro_delay = delay_by_gyroscopes(from, airframe, context.progress);
-  settings.offset_sigma_m = std::hypot(settings.offset_sigma_m, map_sigma_m(opening.package->imagery()));
+  settings.offset_sigma_m = hypotenuse(settings.offset_sigma_m, map_sigma_m(opening.package->imagery()));
   const auto boresight = solve_boresight(seen.measurements, settings);
   Findings findings = check_boresight(boresight, limits_);
   const double configured_delay_s = airframe.capture_delay_s;
