@@ -50,7 +50,8 @@ def measure(test):
     name, command, environment, folder, seconds, skipped = test
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
     with tempfile.TemporaryFile() as output:
-        process = subprocess.Popen(command, cwd=folder, env={**os.environ, **environment}, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
+        process = subprocess.Popen(command, cwd=folder, env={**os.environ, **environment}, stdin=subprocess.DEVNULL, stdout=output, stderr=output,
+                                   start_new_session=True)  # some kill their process group
         try:
             code = process.wait(3 * seconds)
         except subprocess.TimeoutExpired:
