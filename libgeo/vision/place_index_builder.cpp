@@ -6,6 +6,7 @@
 #include <bit>
 #include <cmath>
 #include <functional>
+#include <map>
 #include <memory>
 #include <numbers>
 #include <opencv2/core.hpp>
@@ -118,10 +119,28 @@ std::vector<View> draw_views(const PlaceTable& table) {
   return views;
 }
 
-PlacePatch cut(ChunkReader& reader, const PlaceTable& table, View view) {
-  const MapWindow window = reader.around(*view.layer, table.chunks[view.chunk], kTrainingWindow);
-  view.placement.centre = {window.image.cols / 2.0, window.image.rows / 2.0};
-  return PatchCutter(window.image, window.mask, 1).cut(view.placement);
+// Numbers of the views around one chunk each: they are cut from the same window of the map, and neighbouring chunks
+// share decoded tiles.
+std::vector<std::vector<std::size_t>> by_chunk(const std::vector<View>& views) {
+  std::map<std::size_t, std::vector<std::size_t>> found;
+  for (std::size_t i = 0; i < views.size(); ++i) found[views[i].chunk].push_back(i);
+  std::vector<std::vector<std::size_t>> groups;
+  for (auto& [chunk, numbers] : found) groups.push_back(std::move(numbers));
+  return groups;
+}
+
+std::vector<DescribedChunk> describe_around(ChunkReader& reader, const PlaceTable& table,
+                                            const std::vector<View>& views, const std::vector<std::size_t>& numbers) {
+  const View& first = views[numbers.front()];
+  const MapWindow window = reader.around(*first.layer, table.chunks[first.chunk], kTrainingWindow);
+  const PatchCutter cutter(window.image, window.mask, 1);
+  std::vector<DescribedChunk> described;
+  for (const std::size_t number : numbers) {
+    PatchPlacement placement = views[number].placement;
+    placement.centre = {window.image.cols / 2.0, window.image.rows / 2.0};
+    described.push_back(describe(cutter.cut(placement)));
+  }
+  return described;
 }
 
 enum ChunkKind : std::uint8_t { kInvalid = 0, kTextureless = 1, kDescribed = 2 };
@@ -246,19 +265,27 @@ std::vector<RawPlaceDescriptor> PlaceIndexBuilder::training_set(Progress& progre
   const std::size_t step = descriptors_.size() / kTrainingChunks + 1;
   for (std::size_t i = 0; i < descriptors_.size(); i += step) samples.push_back(descriptors_[i]);
   const std::vector<View> views = draw_views(table_);
+  const std::vector<std::vector<std::size_t>> groups = by_chunk(views);
+  std::vector<DescribedChunk> seen(views.size());
   progress.begin("training the projection", views.size(), "views");
-  work_in_order<DescribedChunk>(
-      views.size(), options_.threads,
-      [&]() -> std::function<DescribedChunk(std::size_t)> {
+  work_in_order<std::vector<DescribedChunk>>(
+      groups.size(), options_.threads,
+      [&]() -> std::function<std::vector<DescribedChunk>(std::size_t)> {
         const auto reader = std::make_shared<ChunkReader>(*map_.tiles, table_.origin());
-        return [&, reader](std::size_t view) { return describe(cut(*reader, table_, views[view])); };
+        return [&, reader](std::size_t group) { return describe_around(*reader, table_, views, groups[group]); };
       },
-      [&](std::size_t, const DescribedChunk& described) {
-        if (described.descriptor) samples.push_back(*described.descriptor);
-        progress.advance();
+      [&](std::size_t group, std::vector<DescribedChunk> described) {
+        for (std::size_t i = 0; i < described.size(); ++i) {
+          seen[groups[group][i]] = std::move(described[i]);
+          progress.advance();
+        }
         return true;
       });
   progress.end();
+  // In the order in which they were drawn, whatever chunk they are around: the sums' last bits depend on it.
+  for (const DescribedChunk& view : seen) {
+    if (view.descriptor) samples.push_back(*view.descriptor);
+  }
   return samples;
 }
 

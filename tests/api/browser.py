@@ -27,7 +27,12 @@ def find_axe():
 class Navigated(RuntimeError):
     """The page that was asked has gone: another is loading in its place."""
 
-    words = ("navigated or closed", "context was destroyed", "Cannot find context")
+    words = ("navigated or closed", "context was destroyed", "Cannot find context", "Promise was collected")
+
+
+# What a browser for people does beside the page: a list under the address bar of every window, which is a page of its own
+# and costs more than most of ours, and a process held ready for the next page.
+ASIDE = ("WebUIOmniboxPopup", "WebUIOmniboxAimPopup", "SpareRendererForSitePerProcess")
 
 
 class Chromium:
@@ -49,7 +54,7 @@ class Chromium:
         command = [find_chromium(), "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
                    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-extensions",
                    "--hide-scrollbars", "--disable-dev-shm-usage", "--no-startup-window", f"--user-data-dir={self._profile}",
-                   "--remote-debugging-pipe"]
+                   f"--disable-features={','.join(ASIDE)}", "--remote-debugging-pipe"]
         # The browser reads from handle 3 and writes to handle 4.
         self._process = subprocess.Popen(["bash", "-c", f'exec "$@" 3<&{to_browser} 4>&{from_browser}', "browser", *command],
                                          pass_fds=(to_browser, from_browser), stdin=subprocess.DEVNULL,
@@ -126,16 +131,21 @@ class Browser:
         return result["result"].get("value")
 
     def wait_for(self, expression):
-        """Until the expression is true; its value."""
+        """Until the expression is true; its value. The page looks by itself: each question from here passes through several processes."""
         deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline:
             try:
-                value = self.evaluate(f"(() => {{ try {{ return {expression}; }} catch {{ return null; }} }})()")
+                found = self.evaluate(f"""(async () => {{
+                  for (const end = performance.now() + 3000; performance.now() < end; await new Promise((done) => setTimeout(done, 100))) {{
+                    try {{ const value = {expression}; if (value) return [value]; }} catch {{}}
+                  }}
+                  return null;
+                }})()""")
             except Navigated:  # asked of a page that has just made way for the next
-                value = None
-            if value:
-                return value
-            time.sleep(0.1)
+                time.sleep(0.05)
+                continue
+            if found:
+                return found[0]
         text = self.evaluate("document.body.innerText")
         raise TimeoutError(f"never true: {expression}\nThe page shows:\n{text}\nIts console: {self.complaints()}")
 
@@ -197,5 +207,8 @@ class Browser:
         path.write_bytes(base64.b64decode(shot["data"]))
 
     def close(self):
+        """Once or more. What it said can still be read."""
+        if self._session not in self._chromium.heard:
+            return
         self._chromium.ask("Target.disposeBrowserContext", {"browserContextId": self._context})
         del self._chromium.heard[self._session]

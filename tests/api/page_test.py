@@ -29,11 +29,16 @@ class Page(unittest.TestCase):
         self.addCleanup(service.stop)
         return service
 
-    def browse(self, url, size="laptop"):
-        browser = Browser(*self.sizes[size])
-        self.addCleanup(browser.close)
-        browser.open(url)
-        return browser
+    page = None
+
+    def browse(self, url, size="laptop", beside=False):
+        """The page before it, which would go on drawing, is closed unless they are wanted beside each other."""
+        if self.page and not beside:
+            self.page.close()
+        self.page = Browser(*self.sizes[size])
+        self.addCleanup(self.page.close)
+        self.page.open(url)
+        return self.page
 
     def keep(self, browser, name):
         if SCREENSHOTS:
@@ -125,7 +130,7 @@ class Page(unittest.TestCase):
         browser.wait_for("document.querySelectorAll('#events li').length === 40")
         self.assertNotIn("CORRUPT", browser.evaluate(TEXT.format("events")).upper().replace("NOTE", ""))
         self.assertIn("artifact.hash", browser.evaluate(TEXT.format("alarms")))
-        later = self.browse(service.url)  # somebody who opens the page now
+        later = self.browse(service.url, beside=True)  # somebody who opens the page now
         later.wait_for("document.querySelectorAll('#alarms li').length === 2")
         self.assertEqual([], browser.complaints())
 

@@ -38,12 +38,17 @@ class MissionsPage(support.EndToEnd):
                          "--key", self.made / "signer.key.pem").start()
         self.addCleanup(self.desk.stop)
 
+    page = None
+
     def browse(self, address="", size="laptop"):
-        browser = Browser(*self.sizes[size])
-        self.addCleanup(browser.close)
-        browser.open(self.desk.url + "/missions" + address)
-        browser.wait_for(TEXT.format("sources") + ".includes('signer.key.pem')")
-        return browser
+        """The page before it, which would go on drawing, is closed."""
+        if self.page:
+            self.page.close()
+        self.page = Browser(*self.sizes[size])
+        self.addCleanup(self.page.close)
+        self.page.open(self.desk.url + "/missions" + address)
+        self.page.wait_for(TEXT.format("sources") + ".includes('signer.key.pem')")
+        return self.page
 
     def keep(self, browser, name):
         if SCREENSHOTS:
@@ -411,6 +416,7 @@ class MissionsPage(support.EndToEnd):
 
     def test_a_finger_drags_a_point_a_part_and_the_map(self):
         browser = self.browse("#" + self.imported()["id"], size="phone")
+        browser.wait_for(POINTS + " > 1")  # the sources may be there before the mission is
         points = lambda: self.mission_of(browser)["mission"]["route"]["points"]
         before = points()
         self.click(browser, "[data-points=route] li:nth-child(1) .number")

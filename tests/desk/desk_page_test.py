@@ -32,11 +32,16 @@ class DeskPage(support.EndToEnd):
         self.desk = Desk(self.folder / "desk", support.made_once("desk world", make_world)).start()
         self.addCleanup(self.desk.stop)
 
+    page = None
+
     def browse(self, address="", size="laptop"):
-        browser = Browser(*self.sizes[size])
-        self.addCleanup(browser.close)
-        browser.open(self.desk.url + "/" + address)
-        return browser
+        """The page before it, which would go on drawing, is closed."""
+        if self.page:
+            self.page.close()
+        self.page = Browser(*self.sizes[size])
+        self.addCleanup(self.page.close)
+        self.page.open(self.desk.url + "/" + address)
+        return self.page
 
     def keep(self, browser, name):
         if SCREENSHOTS:
@@ -440,6 +445,7 @@ class DeskPage(support.EndToEnd):
                     self.assertEqual(self.sizes[size][0], browser.evaluate("document.documentElement.scrollWidth"), "it scrolls sideways")
                     if axe:
                         self.assertEqual([], browser.barriers(axe))
+                browser.close()
 
     def test_has_no_serious_barriers(self):
         axe = find_axe()
