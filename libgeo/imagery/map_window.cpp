@@ -50,6 +50,9 @@ struct Nodes {
   }
 };
 
+// How much of a tile, or of what lies under a cell between nodes, is ground.
+constexpr std::uint8_t kNoGround = 0, kPartlyGround = 1, kAllGround = 2;
+
 void keep_worst(std::optional<double>& worst, std::optional<double> value) {
   if (value && (!worst || *worst < *value)) worst = value;
 }
@@ -68,20 +71,36 @@ class BlockCutter {
       top = std::min(top, place.y), bottom = std::max(bottom, place.y);
     }
     const int tile = kTileSize / level_.tile_shrink;
-    const auto first = [tile](double value) { return static_cast<int>(std::floor((value - 2) / tile)); };
-    const auto last = [tile](double value) { return static_cast<int>(std::floor((value + 2) / tile)); };
-    const cv::Rect tiles(first(left), first(top), last(right) - first(left) + 1, last(bottom) - first(top) + 1);
-
+    const cv::Rect tiles = tiles_under(left, top, right, bottom, tile);
     cv::Mat mosaic(tiles.height * tile, tiles.width * tile, colour_ == Colour::grey ? CV_8UC1 : CV_8UC3,
                    cv::Scalar::all(0));
     cv::Mat ground(mosaic.size(), CV_8UC1, cv::Scalar(0));
-    paste_tiles(nodes.origin, tiles, tile, mosaic, ground);
+    const cv::Mat1b tile_ground = paste_tiles(nodes.origin, tiles, tile, mosaic, ground);
 
+    // Where no tile lies, and under whole tiles, the mask needs no sampling: most of it, in most windows.
+    const cv::Mat1b cells = ground_of_cells(nodes, tiles, tile, tile_ground);
+    const cv::Rect shown = cv::boundingRect(cells);
+    if (shown.empty()) {
+      image.setTo(cv::Scalar::all(0));
+      mask.setTo(0);
+      return;
+    }
+    const cv::Rect whole(cv::Point(), size);
+    const cv::Rect sampled = samples_of(shown) & whole;
     const cv::Mat map =
-        positions(nodes, size, {static_cast<float>(tiles.x * tile), static_cast<float>(tiles.y * tile)});
-    cv::Mat samples, sample_mask;
-    cv::remap(mosaic, samples, map, {}, cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar::all(0));
-    cv::remap(ground, sample_mask, map, {}, cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar(0));
+        positions(nodes, sampled, {static_cast<float>(tiles.x * tile), static_cast<float>(tiles.y * tile)});
+    cv::Mat samples(size, mosaic.type(), cv::Scalar::all(0)), sample_mask(size, CV_8UC1, cv::Scalar(0));
+    cv::remap(mosaic, samples(sampled), map, {}, cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar::all(0));
+    for (int row = shown.y; row < shown.br().y; ++row) {
+      for (int column = shown.x, end = column; column < shown.br().x; column = end) {  // cells alike side by side
+        while (end < shown.br().x && cells(row, end) == cells(row, column)) ++end;
+        const cv::Rect run = samples_of({column, row, end - column, 1}) & whole;
+        cv::Mat part = sample_mask(run);
+        if (cells(row, column) == kAllGround) part.setTo(255);
+        if (cells(row, column) != kPartlyGround) continue;
+        cv::remap(ground, part, map(run - sampled.tl()), {}, cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar(0));
+      }
+    }
     if (level_.samples > 1) {
       cv::resize(samples, image, block.size(), 0, 0, cv::INTER_AREA);
       cv::resize(sample_mask, mask, block.size(), 0, 0, cv::INTER_AREA);
@@ -114,7 +133,40 @@ class BlockCutter {
     return nodes;
   }
 
-  void paste_tiles(const GlobalPixel& origin, const cv::Rect& tiles, int tile, cv::Mat& mosaic, cv::Mat& ground) const {
+  static cv::Rect samples_of(const cv::Rect& cells) {
+    constexpr int kStep = kMapNodeStep_px;
+    return {cells.x * kStep, cells.y * kStep, cells.width * kStep, cells.height * kStep};
+  }
+
+  // The tiles that samples between these positions are interpolated from, and a little more.
+  static cv::Rect tiles_under(double left, double top, double right, double bottom, int tile) {
+    const auto first = [tile](double value) { return static_cast<int>(std::floor((value - 2) / tile)); };
+    const auto last = [tile](double value) { return static_cast<int>(std::floor((value + 2) / tile)); };
+    return {first(left), first(top), last(right) - first(left) + 1, last(bottom) - first(top) + 1};
+  }
+
+  // Positions of a cell lie between those of its nodes.
+  static cv::Mat1b ground_of_cells(const Nodes& nodes, const cv::Rect& tiles, int tile, const cv::Mat1b& tile_ground) {
+    cv::Mat1b cells(nodes.rows - 1, nodes.columns - 1);
+    for (int row = 0; row < cells.rows; ++row) {
+      for (int column = 0; column < cells.cols; ++column) {
+        const cv::Point2d &nw = nodes.at(row, column), &ne = nodes.at(row, column + 1);
+        const cv::Point2d &sw = nodes.at(row + 1, column), &se = nodes.at(row + 1, column + 1);
+        const auto [left, right] = std::minmax({nw.x, ne.x, sw.x, se.x});
+        const auto [top, bottom] = std::minmax({nw.y, ne.y, sw.y, se.y});
+        const cv::Mat1b under = tile_ground(tiles_under(left, top, right, bottom, tile) - tiles.tl());
+        const std::uint8_t any = under(0, 0);
+        const bool alike = std::all_of(under.begin(), under.end(), [any](std::uint8_t one) { return one == any; });
+        cells(row, column) = alike ? any : kPartlyGround;
+      }
+    }
+    return cells;
+  }
+
+  // What each tile shows.
+  cv::Mat1b paste_tiles(const GlobalPixel& origin, const cv::Rect& tiles, int tile, cv::Mat& mosaic,
+                        cv::Mat& ground) const {
+    cv::Mat1b shown(tiles.size(), kNoGround);
     const auto first_x = static_cast<std::int64_t>(origin.x) / tile + tiles.x;
     const auto first_y = static_cast<std::int64_t>(origin.y) / tile + tiles.y;
     const std::int64_t across = std::int64_t{1} << level_.zoom;
@@ -134,13 +186,18 @@ class BlockCutter {
         } else {
           decoded.mask.copyTo(ground(place));
         }
+        shown(row, column) = decoded.mask.empty() ? kAllGround : kPartlyGround;
       }
     }
+    return shown;
   }
 
-  static cv::Mat positions(const Nodes& nodes, const cv::Size& size, cv::Point2f mosaic_origin) {
+  // Of a part that begins at a node.
+  static cv::Mat positions(const Nodes& nodes, const cv::Rect& part, cv::Point2f mosaic_origin) {
+    const int above = part.y / kMapNodeStep_px, before = part.x / kMapNodeStep_px;
     return positions_between_nodes(
-        size, [&](int row, int column) -> const cv::Point2d& { return nodes.at(row, column); },
+        part.size(),
+        [&](int row, int column) -> const cv::Point2d& { return nodes.at(above + row, before + column); },
         [&](const cv::Point2d& begin, const cv::Point2d& end) -> NodeSegment {
           return {cv::Point2f(begin) - mosaic_origin, cv::Point2f((end - begin) / kMapNodeStep_px)};
         });

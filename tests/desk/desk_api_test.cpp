@@ -37,7 +37,7 @@ class DeskApiTest : public test::DeskFixture {
 
 TEST_F(DeskApiTest, PicturesBecomeATrack) {
   const std::string flight = create();
-  const auto pictures = test::flight_pictures(test::Course::smooth);
+  const auto& pictures = test::flight_pictures(test::Course::smooth);
   const ApiResponse sent = send(flight, pictures);
   ASSERT_EQ(sent.status, 200) << sent.body;
   EXPECT_EQ(json(sent)["accepted"], pictures.size());
@@ -145,7 +145,7 @@ TEST_F(DeskApiTest, EachPictureOfABatchHasAnAnswer) {
 
 TEST_F(DeskApiTest, TakesOnePictureWithItsTelemetryInTheQuery) {
   const std::string flight = create();
-  const auto pictures = test::flight_pictures(test::Course::smooth);
+  const auto& pictures = test::flight_pictures(test::Course::smooth);
   const std::string body(as_text(pictures[0].bytes));
   const auto answer = call(post(flight + "/pictures?name=a%20b.png&time_s=1.5&agl_m=100", body, "image/png"));
   EXPECT_EQ(json(answer)["pictures"][0]["outcome"], "accepted") << answer.body;
@@ -170,7 +170,7 @@ TEST_F(DeskApiTest, TakesOnePictureWithItsTelemetryInTheQuery) {
 
 TEST_F(DeskApiTest, TelemetryMayBeJson) {
   const std::string flight = create();
-  const auto pictures = test::flight_pictures(test::Course::smooth);
+  const auto& pictures = test::flight_pictures(test::Course::smooth);
   const std::vector<EncodedPicture> one(pictures.begin(), pictures.begin() + 1);
   const auto with = [&](const nlohmann::json& telemetry) {
     const test::BatchBody body = test::batch_of(one, telemetry.dump(), "application/json");
@@ -186,7 +186,7 @@ TEST_F(DeskApiTest, TelemetryMayBeJson) {
 
 TEST_F(DeskApiTest, HostileBatchesLeaveNothing) {
   const std::string flight = create();
-  const auto pictures = test::flight_pictures(test::Course::smooth);
+  const auto& pictures = test::flight_pictures(test::Course::smooth);
   const test::BatchBody good = test::batch_of(pictures, test::telemetry_csv(pictures));
   const auto sent = [&](std::string body, const std::string& type) {
     return call(post(flight + "/pictures", std::move(body), type));
@@ -279,7 +279,7 @@ TEST_F(DeskApiTest, AFixIsCarriedToThePresent) {
   const std::string flight = create();
   expect_problem(call(post(flight + "/fixes", R"({"lat": 48, "lon": 11, "radius_m": 0})")), 400, "invalid");
   expect_problem(call(post(flight + "/fixes", R"({"lat": 48, "lon": 11, "radius_m": 5, "frame": 0})")), 422, "refused");
-  const auto pictures = test::flight_pictures(test::Course::smooth);
+  const auto& pictures = test::flight_pictures(test::Course::smooth);
   send(flight, pictures);
   settled(flight);
   const auto estimates = read(flight + "/estimates")["estimates"];

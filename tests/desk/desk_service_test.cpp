@@ -33,7 +33,7 @@ class DeskServiceTest : public test::DeskFixture {
 TEST_F(DeskServiceTest, GoesOnAfterARestart) {
   open();
   const std::string flight = create();
-  const auto pictures = test::flight_pictures(test::Course::smooth);
+  const auto& pictures = test::flight_pictures(test::Course::smooth);
   send(flight, pictures);
   ASSERT_EQ(call(post(flight + "/complete", "")).status, 202);
   close();  // in the middle of it, or not
@@ -80,7 +80,7 @@ TEST_F(DeskServiceTest, IdleFlightsMakeRoom) {
 
 TEST_F(DeskServiceTest, MoreFlightsThanPlacesAreAllFinished) {
   open();
-  const auto pictures = test::flight_pictures(test::Course::smooth);
+  const auto& pictures = test::flight_pictures(test::Course::smooth);
   std::vector<std::string> flights;
   for (int i = 0; i < 3; ++i) {
     flights.push_back(create());
@@ -243,7 +243,7 @@ TEST_F(DeskSocketTest, FiftyReadersHearOfEveryFrame) {
     readers.emplace_back(server->port());
     readers.back().send(head("GET " + flight + "/events"));
   }
-  const auto pictures = test::flight_pictures(test::Course::smooth);
+  const auto& pictures = test::flight_pictures(test::Course::smooth);
   const test::BatchBody batch = test::batch_of(pictures, test::telemetry_csv(pictures));
   const std::string answer = request(head("POST " + flight + "/pictures",
                                           fmt::format("Content-Type: {}\r\nContent-Length: {}\r\nConnection: close\r\n",

@@ -65,7 +65,7 @@ std::vector<FlightEventKind> kinds(const FlightStore& store) {
 TEST(FlightEngine, GivesTheEstimatesOfTheLocalizer) {
   const auto store = FlightStore::in_memory(description(Course::smooth), kNow);
   const TemporaryFolder temporary;
-  const auto pictures = flight_pictures(Course::smooth);
+  const auto& pictures = flight_pictures(Course::smooth);
   std::vector<Telemetry> rows;
   for (const EncodedPicture& picture : pictures) {
     write_file_atomic(temporary / picture.name, picture.bytes);
@@ -208,7 +208,7 @@ TEST(FlightEngine, CancelledInAFrameItIsAsIfTheFrameHadNotBegun) {
 
 TEST(FlightEngine, PicturesMayComeWhileOthersAreProcessed) {
   const TemporaryFolder temporary;
-  const auto pictures = flight_pictures(Course::smooth);
+  const auto& pictures = flight_pictures(Course::smooth);
   const auto store = FlightStore::create(temporary / "flight", description(Course::smooth), kNow);
   FlightEngine engine(*store, engine_setup(Course::smooth), kOptions);
   EXPECT_EQ(engine.process(), 0U);
@@ -224,7 +224,7 @@ TEST(FlightEngine, PicturesMayComeWhileOthersAreProcessed) {
 
 TEST(FlightEngine, ABatchIsStoredWhileFramesAreProcessed) {
   const TemporaryFolder temporary;
-  const auto pictures = flight_pictures(Course::smooth);
+  const auto& pictures = flight_pictures(Course::smooth);
   const auto store = FlightStore::create(temporary / "flight", description(Course::smooth), kNow);
   const auto batch = offers(pictures);
   store->accept(std::span(batch).first(1), kNow);
@@ -282,7 +282,7 @@ TEST(FlightEngine, AnEventfulFlightHasSegments) {
 TEST(FlightEngine, AFixIsAppliedAgainWhenTheFlightIsResumed) {
   const auto fly = [](const fs::path& folder, bool interrupt) {
     const auto store = FlightStore::create(folder, description(Course::eventful), kNow);
-    const auto pictures = flight_pictures(Course::eventful);
+    const auto& pictures = flight_pictures(Course::eventful);
     const auto batch = offers(pictures);
     store->accept(std::span(batch).first(2), kNow);
     auto engine = std::make_unique<FlightEngine>(*store, engine_setup(Course::eventful), kOptions);
@@ -310,7 +310,7 @@ TEST(FlightEngine, AFixIsAppliedAgainWhenTheFlightIsResumed) {
 TEST(FlightEngine, AFlightWithWithdrawnFixesIsResumed) {
   const TemporaryFolder temporary;
   const auto store = FlightStore::create(temporary / "flight", description(Course::eventful), kNow);
-  const auto pictures = flight_pictures(Course::eventful);
+  const auto& pictures = flight_pictures(Course::eventful);
   const auto batch = offers(pictures);
   const auto processed_anew = [&] {
     FlightEngine engine(*store, engine_setup(Course::eventful), kOptions);

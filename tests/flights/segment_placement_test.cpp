@@ -66,12 +66,23 @@ void expect_right(const SegmentPlacementResult& result, const SegmentWorld::Segm
   EXPECT_GE(result.hits, 2);
 }
 
+struct PlacedSegment {
+  explicit PlacedSegment(std::uint64_t seed) : world(seed, kOldMap) {}
+
+  SegmentWorld world;
+  SegmentWorld::Segment segment = world.segment(1, 9);
+  SegmentPlacementResult result = world.place(segment, MapHole::none);
+};
+
+const PlacedSegment& placed_at_once() {
+  static const PlacedSegment placed(1);
+  return placed;
+}
+
 TEST(SegmentPlacement, FindsTheSegmentOnAMapThatIsHalfOld) {
-  for (const std::uint64_t seed : {1U, 2U}) {
-    const SegmentWorld world(seed, kOldMap);
-    const auto segment = world.segment(1, 9);
-    expect_right(world.place(segment, MapHole::none), segment);
-  }
+  expect_right(placed_at_once().result, placed_at_once().segment);
+  const PlacedSegment another(2);
+  expect_right(another.result, another.segment);
 }
 
 TEST(SegmentPlacement, FindsItsHeadingWhereNoneWasMeasured) {
@@ -110,9 +121,7 @@ TEST(SegmentPlacement, SearchesWhereItIsSaidToBeFirstAndBelievesNobody) {
 }
 
 TEST(SegmentPlacement, IsCancelledAndGoesOnWithTheSameResult) {
-  const SegmentWorld world(9, kOldMap);
-  const auto segment = world.segment(1, 8);
-  const auto whole = world.place(segment, MapHole::none);
+  const auto& [world, segment, whole] = placed_at_once();
   const auto tiles = world.map(MapHole::none, segment);
   const FlatGround flat;
   const auto matcher = make_channel_matcher({world.camera().camera, *tiles, world.frame(), flat});
@@ -121,7 +130,7 @@ TEST(SegmentPlacement, IsCancelledAndGoesOnWithTheSameResult) {
                               .matcher = *matcher,
                               .area = world.area(),
                               .places = nullptr,
-                              .read = [&](std::size_t frame) { return segment.images[frame]; }},
+                              .read = [](std::size_t frame) { return placed_at_once().segment.images[frame]; }},
                              {}, {});
   for (int polls = 1;; polls = polls < 3 ? polls + 1 : 1) {  // in each step once or more
     int left = polls;

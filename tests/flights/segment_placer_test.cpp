@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "base/error.hpp"
@@ -31,6 +32,18 @@ std::vector<nlohmann::json> bodies(const FlightStore& store, FlightEventKind kin
 void place_all(FlightEngine& engine, Scope scope) {
   while (engine.place_segments(scope, 1000)) {
   }
+}
+
+// The shortest flight that can be placed, with its pictures processed: made once, copied for each test.
+std::unique_ptr<FlightStore> floating_and_processed(const std::filesystem::path& folder) {
+  static const TemporaryFolder made;
+  static const bool once = [] {
+    const auto store = floating_flight(made / "flight", kLeastFrames);
+    FlightEngine(*store, floating_setup(), kFixedClock).process();
+    return true;
+  }();
+  if (once) std::filesystem::copy(made / "flight", folder, std::filesystem::copy_options::recursive);
+  return FlightStore::open(folder);
 }
 
 TEST(SegmentPlacer, MergesAFloatingSegmentAndShowsItsFramesAsRefined) {
@@ -77,7 +90,7 @@ TEST(SegmentPlacer, MergesAFloatingSegmentAndShowsItsFramesAsRefined) {
 TEST(SegmentPlacer, WhatAPersonTakesBackFloatsForEver) {
   const TemporaryFolder temporary;
   {
-    const auto store = floating_flight(temporary / "flight", kLeastFrames);
+    const auto store = floating_and_processed(temporary / "flight");
     FlightEngine engine(*store, floating_setup(), kFixedClock);
     engine.process();
     EXPECT_FALSE(store->take_back_merge(0, "test", kNow));
@@ -139,7 +152,7 @@ TEST(SegmentPlacer, ASegmentThatGoesOnFloatsAgainUntilItIsPlacedAgain) {
 
 TEST(SegmentPlacer, IsCancelled) {
   const TemporaryFolder temporary;
-  const auto store = floating_flight(temporary / "flight", kLeastFrames);
+  const auto store = floating_and_processed(temporary / "flight");
   FlightEngine engine(*store, floating_setup(), kFixedClock);
   engine.process();
   EXPECT_THROW(engine.place_segments(Scope::all, 1000, Cancel([] { return true; })), Interrupted);

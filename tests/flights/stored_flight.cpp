@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <map>
 #include <opencv2/core.hpp>
 
 #include "base/random.hpp"
@@ -28,7 +29,9 @@ EncodedPicture plain_picture(int number) {
   return picture;
 }
 
-std::vector<EncodedPicture> flight_pictures(Course course) {
+namespace {
+
+std::vector<EncodedPicture> made_pictures(Course course) {
   const bool eventful = course == Course::eventful;
   std::vector<EncodedPicture> pictures;
   const std::vector<Moment> moments = flight(eventful ? 10 : 5);
@@ -49,6 +52,14 @@ std::vector<EncodedPicture> flight_pictures(Course course) {
     if (i == 8) picture.bytes = encode_image(moments[0].image, ImageFormat::webp, 95);
   }
   return pictures;
+}
+
+}  // namespace
+
+const std::vector<EncodedPicture>& flight_pictures(Course course) {
+  static std::map<Course, std::vector<EncodedPicture>> made;
+  const auto known = made.find(course);
+  return known != made.end() ? known->second : made.emplace(course, made_pictures(course)).first->second;
 }
 
 FlightDescription description(Course course) {
@@ -80,8 +91,7 @@ FlightEngineSetup engine_setup(Course course) {
 std::unique_ptr<FlightStore> stored_flight(const std::filesystem::path& folder, Course course,
                                            const FlightStoreOptions& options) {
   auto store = FlightStore::create(folder, description(course), kNow, options);
-  const auto pictures = flight_pictures(course);
-  for (const PictureAnswer& answer : store->accept(offers(pictures), kNow)) {
+  for (const PictureAnswer& answer : store->accept(offers(flight_pictures(course)), kNow)) {
     if (answer.outcome != PictureAnswer::Outcome::accepted) throw std::logic_error("a picture was refused");
   }
   return store;

@@ -32,7 +32,7 @@ enum class Course {
   rolling,  // the same by a camera with a rolling shutter, which has to be undone
   eventful  // a black frame, a repeated one and one of another place; the start is not known
 };
-std::vector<EncodedPicture> flight_pictures(Course course);
+const std::vector<EncodedPicture>& flight_pictures(Course course);  // made once
 FlightDescription description(Course course);
 FlightEngineSetup engine_setup(Course course);
 

@@ -123,6 +123,37 @@ TEST(MapWindow, AppliesTheMasksOfTheTiles) {
   }
 }
 
+// The mask is only sampled where tiles with masks, or the edges of the map, lie; and no pixel where there is no tile.
+TEST(MapWindow, IsTheSameFromTilesWithoutMasksAndWithMasksThatHideNothingOfIt) {
+  const TileKey south_east = tile_at(kPlace, kFinest);
+  const LonLatBox bounds = bounds_of(south_east);
+  const LocalFrame frame({bounds.west_deg, bounds.north_deg});  // four tiles meet
+  const auto is_missing = [&](const TileKey& key) { return key.x < south_east.x && key.y < south_east.y; };
+  test::WaveTiles whole({18, 18}, kFinest), masked({18, 18}, kFinest);
+  whole.missing = is_missing;
+  masked.mask = [&](const TileKey& key) {
+    cv::Mat mask(kTileSize, kTileSize, CV_8UC1, cv::Scalar(is_missing(key) ? 0 : 255));
+    mask.at<std::uint8_t>(kTileSize / 2, kTileSize / 2) = 0;  // beyond the window
+    return encode_image(mask, ImageFormat::png);
+  };
+  for (const double factor : {1.0, 1.4, 3.0}) {
+    for (const Colour colour : {Colour::grey, Colour::bgr}) {
+      const double gsd_m = ground_resolution_m(kFinest, kPlace.lat_deg) * factor;
+      const double side_m = 110 * gsd_m / factor;
+      const PlaneBox box{-side_m, -side_m, side_m, side_m};
+      const MapWindow one = read_map_window(whole, frame, box, gsd_m, colour);
+      MapWindow other = read_map_window(masked, frame, box, gsd_m, colour);
+      EXPECT_GT(cv::countNonZero(one.mask), 0.7 * static_cast<double>(one.mask.total()));
+      EXPECT_LT(cv::countNonZero(one.mask), 0.8 * static_cast<double>(one.mask.total()));
+      EXPECT_EQ(cv::norm(one.mask, other.mask, cv::NORM_INF), 0.0) << factor;
+      cv::Mat seen;
+      one.image.copyTo(seen, one.mask);
+      other.image.setTo(cv::Scalar::all(0), other.mask == 0);
+      EXPECT_EQ(cv::norm(seen, other.image, cv::NORM_INF), 0.0) << factor;
+    }
+  }
+}
+
 TEST(MapWindow, NeighboursShareDecodedTiles) {
   const test::WaveTiles tiles({18, 18}, kFinest);
   const LocalFrame frame(kPlace);

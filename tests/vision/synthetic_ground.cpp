@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+#include <tuple>
 
 #include "base/random.hpp"
 
@@ -59,12 +60,47 @@ Eigen::Matrix3d ned_from_camera(const Attitude& attitude) {
   return ned_from_body * body_from_camera;
 }
 
-PlanePoint hit(const CameraModel& camera, const CameraPose& pose, const Eigen::Matrix3d& rotation, double x, double y) {
+// The ray of a pixel, where it meets the plane one focal length away.
+Eigen::Vector2d ray_of(const CameraModel& camera, double x, double y) {
   const Eigen::Vector2d seen((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy);
-  const Eigen::Vector2d image = camera.distorted() ? undistorted(camera.distortion, seen) : seen;
-  const Eigen::Vector3d ned = rotation * Eigen::Vector3d(image.x(), image.y(), 1);
+  return camera.distorted() ? undistorted(camera.distortion, seen) : seen;
+}
+
+PlanePoint hit(const CameraPose& pose, const Eigen::Matrix3d& rotation, const Eigen::Vector2d& ray) {
+  const Eigen::Vector3d ned = rotation * Eigen::Vector3d(ray.x(), ray.y(), 1);
   const double along = pose.agl_m / ned.z();
   return {pose.position.east_m + along * ned.y(), pose.position.north_m + along * ned.x()};
+}
+
+// Row by row, those of each pixel together.
+std::vector<Eigen::Vector2d> rays_of(const CameraModel& camera, int samples) {
+  std::vector<Eigen::Vector2d> rays;
+  for (int r = 0; r < camera.height; ++r) {
+    for (int c = 0; c < camera.width; ++c) {
+      for (int j = 0; j < samples; ++j) {
+        for (int i = 0; i < samples; ++i) {
+          rays.push_back(ray_of(camera, c + (i + 0.5) / samples - 0.5, r + (j + 0.5) / samples - 0.5));
+        }
+      }
+    }
+  }
+  return rays;
+}
+
+// Most of what a picture costs is to find its rays, and a test takes many with one camera.
+const std::vector<Eigen::Vector2d>& known_rays_of(const CameraModel& camera, int samples) {
+  const auto lens_of = [](const CameraModel& of) {
+    return std::tuple(of.width, of.height, of.fx, of.fy, of.cx, of.cy, of.distortion);
+  };
+  thread_local CameraModel known_camera;
+  thread_local int known_samples = 0;
+  thread_local std::vector<Eigen::Vector2d> rays;
+  if (known_samples != samples || lens_of(known_camera) != lens_of(camera)) {
+    rays = rays_of(camera, samples);
+    known_camera = camera;
+    known_samples = samples;
+  }
+  return rays;
 }
 
 }  // namespace
@@ -138,7 +174,7 @@ MapWindow Landscape::map(double gsd_m, bool reversed) const {
 }
 
 PlanePoint seen_by_pixel(const CameraModel& camera, const CameraPose& pose, double x, double y) {
-  return hit(camera, pose, ned_from_camera(pose.attitude), x, y);
+  return hit(pose, ned_from_camera(pose.attitude), ray_of(camera, x, y));
 }
 
 cv::Mat photograph_moving(const Ground& ground, const CameraModel& camera,
@@ -160,14 +196,11 @@ double row_seconds(const CameraModel& camera, double readout_s, int y) {
 cv::Mat photograph(const Ground& ground, const CameraModel& camera, const CameraPose& pose, int samples) {
   const Eigen::Matrix3d rotation = ned_from_camera(pose.attitude);
   cv::Mat picture(camera.height, camera.width, CV_8UC1);
+  auto ray = known_rays_of(camera, samples).begin();
   for (int r = 0; r < camera.height; ++r) {
     for (int c = 0; c < camera.width; ++c) {
       double sum = 0;
-      for (int j = 0; j < samples; ++j) {
-        for (int i = 0; i < samples; ++i) {
-          sum += ground(hit(camera, pose, rotation, c + (i + 0.5) / samples - 0.5, r + (j + 0.5) / samples - 0.5));
-        }
-      }
+      for (int i = 0; i < samples * samples; ++i) sum += ground(hit(pose, rotation, *ray++));
       picture.at<std::uint8_t>(r, c) = cv::saturate_cast<std::uint8_t>(sum / (samples * samples));
     }
   }
