@@ -17,14 +17,14 @@
 // wrong. Counts are bounded to the safe side: of an agreement P(o | chance) is its upper bound (95 %). A disagreement
 // never makes anything surer: r is at most 1 then, and agreeing at a chance peak is what it takes to be wrong.
 //
-// The class matters: looks that show little to the first show little to the second as well. Its silence says much against
-// a match that is sure of itself, and next to nothing against a weak one, which at night or over an old map is all that
-// there is.
+// The class matters: looks that show little to the first show little to the second as well. Its silence says much
+// against a match that is sure of itself, and next to nothing against a weak one, which at night or over an old map is
+// all that there is.
 //
 // Where the first has no candidate or differs, the second's candidate counts with ln Λ₂ of its own table, less what the
-// first's silence or contradiction says against it (the same counts, with the two exchanged). The likelier of both is the
-// look's candidate. A chance peak then claims a ratio of t with the probability of both together at most; that the mean
-// ratio of looks that cannot be right stays below one, as the bound P(Λ > t | chance) <= 1 / t needs, is measured
+// first's silence or contradiction says against it (the same counts, with the two exchanged). The likelier of both is
+// the look's candidate. A chance peak then claims a ratio of t with the probability of both together at most; that the
+// mean ratio of looks that cannot be right stays below one, as the bound P(Λ > t | chance) <= 1 / t needs, is measured
 // (docs/second-matcher.md).
 //
 // All of these numbers belong to one network: second_likelihood_table.hpp, written by `./run bench matchers`, names its

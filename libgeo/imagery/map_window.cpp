@@ -196,8 +196,7 @@ class BlockCutter {
   static cv::Mat positions(const Nodes& nodes, const cv::Rect& part, cv::Point2f mosaic_origin) {
     const int above = part.y / kMapNodeStep_px, before = part.x / kMapNodeStep_px;
     return positions_between_nodes(
-        part.size(),
-        [&](int row, int column) -> const cv::Point2d& { return nodes.at(above + row, before + column); },
+        part.size(), [&](int row, int column) -> const cv::Point2d& { return nodes.at(above + row, before + column); },
         [&](const cv::Point2d& begin, const cv::Point2d& end) -> NodeSegment {
           return {cv::Point2f(begin) - mosaic_origin, cv::Point2f((end - begin) / kMapNodeStep_px)};
         });

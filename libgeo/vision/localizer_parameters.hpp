@@ -614,7 +614,8 @@ inline constexpr double kConfirmedRadius_m =
 // Classes of the first's ln ℓ, and of the second's: what is above these is counted by itself; chosen.
 inline constexpr std::array<double, 2> kFirstClasses = {0.0, 3.5};
 inline constexpr double kStrong = 3.0;
-inline constexpr double kMostClaim = 6.9;  // nats: no look becomes unambiguous (belief::kUnambiguous) by a second matcher
+inline constexpr double kMostClaim =
+    6.9;  // nats: no look becomes unambiguous (belief::kUnambiguous) by a second matcher
 inline constexpr double kMostFrame_ms =
     100;  // processor time to describe a frame; a look takes some twenty times as much; chosen
 // An upper bound (95 %) of a count n is n + 3 + 1.645 √n: of 0 it is 3, the rule of three.
