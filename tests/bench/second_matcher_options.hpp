@@ -32,7 +32,12 @@ struct SecondMatcherOptions {
     if (!check.network) throw Error({.what = check.found, .where = model.string()});
     name_ = fmt::format(", second matcher {} {}", use, check.network->name());
     return make_second_opinion(
-        {.second = [network = check.network](const MatcherMap& map) { return make_descriptor_matcher(map, network); },
+        {.second =
+             [file = model](const MatcherMap& map) {
+               // A network answers one call at a time: each thread has its own.
+               thread_local const OpenedNetwork own = open_network({file, std::nullopt}, plugin_folders());
+               return make_descriptor_matcher(map, own.network);
+             },
          .use = second_matcher_use(use).value_or(SecondMatcherUse::automatic)});
   }
   // For the header of results, once matcher() was called: empty without one.

@@ -78,22 +78,22 @@ class MissionsPage(support.EndToEnd):
 
     @staticmethod
     def click(browser, selector):
-        """In the middle of what a person sees of it, once it stands still: what is loaded above it moves it."""
+        """In the middle of what a person sees of it, once it stands still (what is loaded above it moves it) and nothing lies over it."""
         def place():
             return browser.evaluate(f"""(() => {{
               const found = document.querySelector({json.dumps(selector)});
               for (let part = found.closest('details:not([open])'); part; part = part.parentElement.closest('details:not([open])'))
                 if (!found.matches('summary') || part.contains(found.parentElement.closest('details'))) part.open = true;
               found.scrollIntoView({{ block: 'center' }});
-              const box = found.getBoundingClientRect();
-              return [box.left + box.width / 2, box.top + box.height / 2];
+              const box = found.getBoundingClientRect(), x = box.left + box.width / 2, y = box.top + box.height / 2;
+              return [x, y, found.contains(document.elementFromPoint(x, y))];
             }})()""")
 
-        x, y = place()
+        x, y, free = place()
         for _ in range(100):
             time.sleep(0.05)
-            before, (x, y) = (x, y), place()
-            if before == (x, y):
+            before, (x, y, free) = (x, y), place()
+            if free and before == (x, y):
                 break
         browser.mouse(("move", x, y), ("click", x, y))
 
