@@ -14,14 +14,8 @@ namespace {
 
 using ::testing::HasSubstr;
 
-// Eight frames as they were really taken, at 28 m/s: windows grow with the time between frames. Every second one is
-// tried.
-const std::vector<Moment>& as_flown() {
-  static const std::vector<Moment> moments = nadir::test::flight(8);
-  return moments;
-}
-
-// A test states them wrongly.
+// Twelve frames as they were really taken, at 28 m/s: windows grow with the time between frames. A test states them
+// wrongly.
 struct WronglyStated {
   CameraFile camera = flight_camera();
   LocalFrame frame{kOrigin};
@@ -37,7 +31,8 @@ struct WronglyStated {
                       .read = [this](std::size_t i) { return images.at(i); }};
 
   WronglyStated() {
-    for (const Moment& moment : as_flown()) {
+    static const std::vector<Moment> moments = nadir::test::flight(12);
+    for (const Moment& moment : moments) {
       telemetry.push_back(moment.telemetry);
       telemetry.back().time_s = 10 + 0.9 * static_cast<double>(images.size());
       images.push_back(moment.image);
@@ -50,9 +45,10 @@ struct WronglyStated {
   // Three frames suffice to find nothing, and a small area.
   void photograph_another_place() {
     static const Landscape elsewhere(77, 220);
+    static const std::vector<Moment> moments = nadir::test::flight(12);
     images.resize(3);
     for (std::size_t i = 0; i < images.size(); ++i) {
-      images[i] = photograph(elsewhere.ground(), camera.camera, as_flown()[i].truth);
+      images[i] = photograph(elsewhere.ground(), camera.camera, moments[i].truth);
     }
     flight.telemetry = std::span(telemetry).first(images.size());
     flight.area = PlaneBox{-100, -100, 100, 100};
