@@ -154,6 +154,7 @@ SecondOutcome outcome_of(const AnchorMatch& of, const AnchorMatch& other, double
 
 JointEvidence joint_evidence(const AnchorMatch& first, double log_first, const AnchorMatch& second, double log_second,
                              bool may_replace, const SecondLikelihoodTable& table) {
+  static_assert(opinion::kMostClaim < parameters::belief::kUnambiguous);
   JointEvidence joint;
   const double most = std::min(table.look.limit, opinion::kMostClaim);
   if (has_candidate(first)) {
