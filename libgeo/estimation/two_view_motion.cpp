@@ -160,7 +160,7 @@ class TwoViewProblem {
         least_sigma_m_(kPixelHeightShare * prior.now.agl_m),
         explained_m_(least_sigma_m_),
         sigma_m_(kFirstScalePixels * least_sigma_m_),
-        redundancy_(std::max(1.0, static_cast<double>(pairs.size()) / kMaxIndependentPairs)) {
+        redundancy_(std::max(prior.redundancy, static_cast<double>(pairs.size()) / kMaxIndependentPairs)) {
     const double turn_rad = turn_beyond(prior, pairs);
     if (std::abs(turn_rad) > std::max(kFarTurn_rad, kFarTurnSigmas * prior.heading_sigma_rad)) {
       u_[3] = turn_rad;
@@ -205,7 +205,7 @@ class TwoViewProblem {
       if (redundancy_known_) return true;
       const double independent =
           std::min(kMaxIndependentPairs, effective_sample_size(inlier_positions_, inlier_residuals_));
-      redundancy_ = std::max(1.0, static_cast<double>(inliers_) / independent);
+      redundancy_ = std::max(prior_.redundancy, static_cast<double>(inliers_) / independent);
       redundancy_known_ = true;
     }
     sigma_m_ = std::max(residual_sigma_m, kScaleShrink * sigma_m_);

@@ -37,6 +37,9 @@ struct TwoViewPrior {
   Eigen::Vector2d ground_slope = Eigen::Vector2d::Zero();
   double log_height_sigma = parameters::two_view_motion::kDefaultLogHeightSigma;  // of the change of height
   double relief_sigma_m = parameters::two_view_motion::kDefaultReliefSigma_m;     // of the ground beyond the plane
+  // How many pairs count as one at least: those of overlapping patches show the same pixels. The residuals may say
+  // more.
+  double redundancy = 1;
 };
 
 struct TwoViewMotion {

@@ -6,6 +6,7 @@
 #include <opencv2/calib3d.hpp>
 #include <utility>
 
+#include "estimation/correlated_frames.hpp"
 #include "estimation/odometry_features.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/hypotenuse.hpp"
@@ -86,7 +87,9 @@ std::optional<MeasuredMotion> measure_motion(const OdometryFrame& before, const 
                                              const PixelPairs& pairs) {
   const auto rays = ray_pairs_of(before, now, pairs);
   if (static_cast<int>(rays.size()) < kMinInliers) return std::nullopt;
-  const auto motion = solve_two_view_motion(rays, prior_of(before, now));
+  TwoViewPrior prior = prior_of(before, now);
+  prior.redundancy = pairs.redundancy;
+  const auto motion = solve_two_view_motion(rays, prior);
   if (!motion || motion->inliers < kMinInliers) return std::nullopt;
   MeasuredMotion measured{{}, *motion};
   OdometryStep& step = measured.step;
@@ -102,9 +105,20 @@ std::optional<MeasuredMotion> measure_motion(const OdometryFrame& before, const 
   return measured;
 }
 
-OdometryFeatures odometry_features(const OdometryFrame& frame) {
+namespace {
+
+// With an image of its own: the caller's may change.
+OdometryFeatures described(const OdometryFrame& frame) {
   OdometryFeatures result{at_working_size(frame), {}};
+  if (result.frame.grey.data == frame.grey.data) result.frame.grey = frame.grey.clone();
   result.features = sift_features(result.frame.grey, {kMaxFeatures, kOctaveLayers, kSiftContrast});
+  return result;
+}
+
+}  // namespace
+
+OdometryFeatures odometry_features(const OdometryFrame& frame) {
+  OdometryFeatures result = described(frame);
   result.frame.grey.release();
   return result;
 }
@@ -125,7 +139,7 @@ class FeatureOdometry final : public OdometryFrontEnd {
  public:
   std::optional<OdometryStep> track(const OdometryFrame& frame) override {
     before_last_ = std::move(last_);
-    last_ = std::exchange(now_, odometry_features(frame));
+    last_ = std::exchange(now_, described(frame));
     return motion_since(last_);
   }
 
@@ -140,7 +154,9 @@ class FeatureOdometry final : public OdometryFrontEnd {
  private:
   std::optional<OdometryStep> motion_since(const std::optional<OdometryFeatures>& before) const {
     if (!before || !now_) return std::nullopt;
-    const auto measured = measure_motion(before->frame, now_->frame, similar_pixels(*before, *now_));
+    const OdometryFrame &one = before->frame, &other = now_->frame;
+    auto measured = measure_motion(one, other, similar_pixels(*before, *now_));
+    if (!measured) measured = measure_motion(one, other, correlated_pixels(one, other));
     return measured ? std::optional(measured->step) : std::nullopt;
   }
 

@@ -62,7 +62,8 @@ class OdometryFrontEnd {
 
 using OdometryFactory = std::function<std::unique_ptr<OdometryFrontEnd>()>;
 
-// SIFT features and a robust homography for the inliers, then measure_motion().
+// SIFT features and a robust homography for the inliers, then measure_motion(). Where they show no motion, both frames
+// are correlated as wholes (correlated_frames.hpp).
 std::unique_ptr<OdometryFrontEnd> make_feature_odometry();
 
 // ---- What front ends that compare images have in common, however they find corresponding pixels.
@@ -70,6 +71,7 @@ std::unique_ptr<OdometryFrontEnd> make_feature_odometry();
 // Pixels of both frames at working size, the same points in the same order, outliers among them.
 struct PixelPairs {
   std::vector<cv::Point2f> before, now;
+  double redundancy = 1;  // how many pairs show the same pixels and count as one
 };
 
 struct MeasuredMotion {

@@ -33,6 +33,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
                 --matcher-model FILE; half an hour)
   navigability  where a flight would anchor, predicted and flown, over simulated worlds (ten minutes; --seeds FIRST LAST, --fit)
   turns         how far off what odometry says of a turn is (two minutes)
+  dark          odometry of two frames at night: steps measured, how far off, made up (two minutes; --pairs N, --seed N)
   consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
   gps           honest and spoofed GPS beside vision: false alarms an hour, how far off a lie gets (--flights 0: without pictures, a
                 minute; with them 10 minutes)
@@ -126,6 +127,7 @@ part() {
     gps)          one_program bench_gps && build/bin/bench_gps "$@" ;;
     blind)        one_program bench_blind && build/bin/bench_blind "$@" ;;
     turns)        one_program bench_turns && build/bin/bench_turns "$@" ;;
+    dark)         one_program bench_dark && build/bin/bench_dark "$@" ;;
     shutter)      one_program nadir && python3 -B "$here/shutter.py" "$@" ;;
     smoothing)    one_program bench_smoothing && build/bin/bench_smoothing "$@" ;;
     desk)         one_program bench_desk && desk "$@" ;;

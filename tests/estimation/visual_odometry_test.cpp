@@ -4,7 +4,9 @@
 #include <Eigen/LU>
 #include <cmath>
 
+#include "base/random.hpp"
 #include "bench/flow_odometry.hpp"
+#include "estimation/odometry_features.hpp"
 #include "estimation/visual_odometry.hpp"
 #include "geodesy/angles.hpp"
 #include "vision/synthetic_ground.hpp"
@@ -158,6 +160,51 @@ TEST_P(Odometry, ForgetsWhenReset) {
   EXPECT_FALSE(odometry->track(frame_at(pose)));
   odometry->reset();
   EXPECT_FALSE(odometry->track(frame_at(pose)));
+}
+
+// As a camera at night gives it: little light, and noise that is stronger than what the light shows.
+OdometryFrame at_night(OdometryFrame frame, Random& random) {
+  for (int row = 0; row < frame.grey.rows; ++row) {
+    for (int column = 0; column < frame.grey.cols; ++column) {
+      std::uint8_t& value = frame.grey.at<std::uint8_t>(row, column);
+      value = cv::saturate_cast<std::uint8_t>(12 + 0.035 * value + random.normal(0, 6));
+    }
+  }
+  return frame;
+}
+
+TEST(FeatureOdometry, CorrelatesFramesWhoseFeaturesDrownInNoise) {
+  Random random(5);
+  for (int i = 0; i < 6; ++i) {
+    const CameraPose a{{4.0 * i, -10}, 120, {radians(40.0 * i), radians(2), 0}};
+    const CameraPose b{{4.0 * i + 20, 12}, 121, {radians(40.0 * i + 2), 0, radians(-1)}};
+    const OdometryFrame before = at_night(frame_at(a), random), now = at_night(frame_at(b), random);
+    const OdometryFeatures one = odometry_features(before), other = odometry_features(now);
+    EXPECT_FALSE(measure_motion(one.frame, other.frame, similar_pixels(one, other))) << "features suffice: no test";
+    const auto odometry = make_feature_odometry();
+    EXPECT_FALSE(odometry->track(before));
+    const auto step = odometry->track(now);
+    ASSERT_TRUE(step) << i;
+    const Eigen::Vector2d off = step->displacement_m - Eigen::Vector2d(20, 22);
+    EXPECT_LT(off.norm(), 3) << i;
+    EXPECT_LT(off.dot(step->covariance_m2.inverse() * off), 13.8) << i << ": " << off.transpose();
+  }
+}
+
+TEST(FeatureOdometry, MakesNoMotionOfNoise) {
+  static const Landscape other(10, 220);
+  Random random(6);
+  for (int i = 0; i < 6; ++i) {
+    const CameraPose a{{4.0 * i, -10}, 120, {}}, b{{4.0 * i + 20, 12}, 120, {}};
+    OdometryFrame elsewhere = frame_at(b);
+    elsewhere.grey = test::photograph(other.ground(), camera(), b);
+    const auto odometry = make_feature_odometry();
+    EXPECT_FALSE(odometry->track(at_night(frame_at(a), random)));
+    EXPECT_FALSE(odometry->track(at_night(elsewhere, random))) << i;
+    elsewhere.grey.setTo(0);
+    EXPECT_FALSE(odometry->track(at_night(elsewhere, random))) << i << ": nothing but noise";
+    EXPECT_FALSE(odometry->track(at_night(elsewhere, random))) << i << ": twice";
+  }
 }
 
 // A picture of another place between two that overlap.
