@@ -61,6 +61,8 @@ PixelPairs correlated_pixels(const OdometryFrame& before, const OdometryFrame& n
   prior.radius_m = tuned::kReachShare * side_m;
 
   const PlaneBox searched = around_both(*seen_before, *seen_now, prior.radius_m + tuned::kMargin_px * gsd_m);
+  const double most_m = tuned::kMostSide_px * gsd_m;
+  if (searched.east_m - searched.west_m > most_m || searched.north_m - searched.south_m > most_m) return {};
   const GroundGrid grid = grid_over(searched, gsd_m, {searched.west_m, searched.north_m});
   const RectifiedFrame ground =
       rectify(reduce_frame(with_contrast(before.grey), before.camera, before.agl_m, gsd_m), pose_before, grid);

@@ -454,8 +454,10 @@ namespace correlated_frames {
 inline constexpr double kWidth_px = 120;    // of the ground that a frame shows; [dark]
 inline constexpr double kReachShare = 0.5;  // of a footprint's longer side: no longer displacement is searched; chosen
 inline constexpr double kMargin_px = 4;     // around what is searched; chosen
-inline constexpr double kDistinct_px = 8;   // places closer than this are one; chosen
-inline constexpr double kMaxRatio = 0.8;    // the second best place over the best; of mirrored frames half are above
+// Of what is searched: level frames need 250. Beyond it a camera looks at the horizon, or heights do not fit; chosen.
+inline constexpr double kMostSide_px = 1000;
+inline constexpr double kDistinct_px = 8;  // places closer than this are one; chosen
+inline constexpr double kMaxRatio = 0.8;   // the second best place over the best; of mirrored frames half are above
 inline constexpr double kContrast = 40;  // grey levels (standard deviation) that a darker picture is spread to; chosen
 inline constexpr double kMiddleGrey = 128;  // of 256
 // Patches of 32 px in 12 x 8 agree on a motion of mirrored frames 9 times in 187, these once in 795; [dark]

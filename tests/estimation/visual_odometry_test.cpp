@@ -6,6 +6,7 @@
 
 #include "base/random.hpp"
 #include "bench/flow_odometry.hpp"
+#include "estimation/correlated_frames.hpp"
 #include "estimation/odometry_features.hpp"
 #include "estimation/visual_odometry.hpp"
 #include "geodesy/angles.hpp"
@@ -188,6 +189,25 @@ TEST(FeatureOdometry, CorrelatesFramesWhoseFeaturesDrownInNoise) {
     const Eigen::Vector2d off = step->displacement_m - Eigen::Vector2d(20, 22);
     EXPECT_LT(off.norm(), 3) << i;
     EXPECT_LT(off.dot(step->covariance_m2.inverse() * off), 13.8) << i << ": " << off.transpose();
+  }
+}
+
+// What hostile telemetry may say of one frame and the next: neither takes more memory than a level flight.
+TEST(FeatureOdometry, NothingFromHeightsAndTiltsThatDoNotFit) {
+  Random random(7);
+  const CameraPose level{{0, 0}, 120, {}};
+  for (const CameraPose& odd : {CameraPose{{0, 0}, 30'000, {}}, CameraPose{{0, 0}, 1, {}},
+                                CameraPose{{0, 0}, 120, {0, radians(58), radians(40)}}}) {
+    for (const bool first : {true, false}) {
+      OdometryFrame before = at_night(frame_at(level), random), now = at_night(frame_at(level), random);
+      OdometryFrame& changed = first ? before : now;
+      changed.agl_m = odd.agl_m;
+      changed.attitude = odd.attitude;
+      EXPECT_TRUE(correlated_pixels(before, now).now.empty()) << odd.agl_m << " m, first: " << first;
+      const auto odometry = make_feature_odometry();
+      odometry->track(before);
+      EXPECT_FALSE(odometry->track(now));
+    }
   }
 }
 
