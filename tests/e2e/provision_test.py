@@ -5,7 +5,6 @@ import concurrent.futures
 import json
 import os
 import signal
-import socket
 import stat
 import subprocess
 import sys
@@ -13,15 +12,10 @@ import time
 import tty
 
 import support
+from loop.ports import free_port
 
 AUTOPILOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support", "autopilot.py")
 WRONG = {"GPS1_TYPE": 1, "GPS1_DELAY_MS": 0, "EK3_SRC1_POSXY": 0, "EK3_SRC1_YAW": 8}
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
-        end.bind(("127.0.0.1", 0))
-        return end.getsockname()[1]
 
 
 class Provisioning(support.EndToEnd):

@@ -9,16 +9,11 @@ import subprocess
 import sys
 
 import support
+from loop.ports import free_port
 
 AUTOPILOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support", "autopilot.py")
 # Inside the map of support.py, whose ground is at sea level.
 CORNERS = [(47.3995, 8.4985), (47.3995, 8.5015), (47.4005, 8.5015), (47.4005, 8.4985)]
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
-        end.bind(("127.0.0.1", 0))
-        return end.getsockname()[1]
 
 
 class SimulateCamera(support.EndToEnd):

@@ -16,28 +16,17 @@ import time
 import unittest
 import urllib.request
 
+from loop.ports import free_port
 from support import AT, NADIRD, EndToEnd, main
 
 SUPPORT = pathlib.Path(__file__).resolve().parent.parent / "support"
 YEAR_S = 365 * 86400
 KILLED_STEPS = 30  # create, write, sync, rename … of every file of a start, and of the next second
 PATIENCE_S = 120  # only so that a service that hangs fails the test
-PORTS = itertools.count(15000 + 7 * os.getpid() % 16000)  # below those that the system gives to whoever asks for any
 
 
 def epoch(text):
     return int(time.mktime(time.strptime(text, "%Y-%m-%dT%H:%M:%SZ"))) - time.timezone
-
-
-def free_port():
-    """One that stays free until the service takes it: nobody else is given it meanwhile."""
-    for port in PORTS:
-        try:
-            with socket.socket() as end:
-                end.bind(("127.0.0.1", port))
-            return port
-        except OSError:
-            pass
 
 
 class Service:
@@ -123,7 +112,7 @@ class StateFaults(EndToEnd):
         return {**os.environ, "LD_PRELOAD": ":".join(libraries), "NADIR_STEP_CLOCK": str(step), **more}
 
     def start(self, *more, clock_s=0, port=None, **environment):
-        port = port or free_port()
+        port = port or free_port(socket.SOCK_STREAM)
         service = Service([NADIRD, "--package", self.package, "--trust", self.folder / "root.json", "--airframe",
                            self.folder / "airframe.json", "--state", self.state, "--camera", self.folder / "frames",
                            "--autopilot", "udpin:127.0.0.1:0", "--listen", f"127.0.0.1:{port}", "--memory-mb", 0,

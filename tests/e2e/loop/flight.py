@@ -7,6 +7,7 @@ import socket
 import sys
 import time
 
+from .ports import free_port
 from .processes import Programs
 from .run_summary import run_summary
 from .watch import Watch
@@ -61,12 +62,6 @@ class Setup:
         """The autopilot's log, ten rows a second."""
         with open(self.run / "flight" / "track.csv", newline="", encoding="utf-8") as file:
             return list(csv.DictReader(file))
-
-
-def free_port(kind=socket.SOCK_DGRAM):
-    with socket.socket(socket.AF_INET, kind) as end:
-        end.bind(("127.0.0.1", 0))
-        return end.getsockname()[1]
 
 
 class Flight:

@@ -21,7 +21,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "support"))
 from simulated_autopilot.px4_projection import MapProjection
 from simulated_autopilot.receiver import Receiver
 
-from .flight import free_port
+from .ports import free_port
 from .sitl_track import CONST_POSITION, FIX_3D, GLITCHING, POSITION_KNOWN, Track
 
 AUTO_MAIN, AUTO_MISSION = 4, 4  # modes: src/modules/commander/px4_custom_mode.h

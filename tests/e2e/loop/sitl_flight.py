@@ -10,7 +10,8 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "support"))
 from simulated_autopilot.scenario import Scenario, parse_event
 from simulated_autopilot.terrain import Grid
 
-from .flight import Flight, free_port
+from .flight import Flight
+from .ports import free_port
 from .ground_station import GroundStation
 from .run_summary import run_summary
 from .sitl_track import POSITION_KNOWN
