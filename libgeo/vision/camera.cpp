@@ -222,8 +222,8 @@ Eigen::Vector3d CameraModel::ray_from_pixel(const Eigen::Vector2d& pixel) const 
 
 CameraModel CameraModel::scaled(double factor) const {
   CameraModel result = *this;
-  result.width = static_cast<int>(std::lround(width * factor));
-  result.height = static_cast<int>(std::lround(height * factor));
+  result.width = std::max(1, static_cast<int>(std::lround(width * factor)));
+  result.height = std::max(1, static_cast<int>(std::lround(height * factor)));
   const double sx = static_cast<double>(result.width) / width;
   const double sy = static_cast<double>(result.height) / height;
   result.fx = fx * sx;

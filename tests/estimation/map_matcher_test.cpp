@@ -159,6 +159,17 @@ TEST_P(Matcher, ACameraThatSeesTheHorizonMatchesNothing) {
   EXPECT_FALSE(match(landscape_tiles(), moment().image, prior).solved);
 }
 
+// On the ground before take-off, or by a height that is wrong: the frame shows less than a pixel of the map.
+TEST_P(Matcher, AFrameOfLessThanAPixelOfTheMapMatchesNothing) {
+  for (const double agl_m : {1.0, 0.1, 0.01}) {
+    AnchorPrior prior = prior_near(moment().truth);
+    prior.search.pose.agl_m = agl_m;
+    EXPECT_LT(evidence_of(match(landscape_tiles(), moment().image, prior), prior), 2) << agl_m;
+    const auto matcher = GetParam().make(map(landscape_tiles()));
+    EXPECT_LT(evidence_of(matcher->match_anywhere(moment().image, prior, {-100, -100, 100, 100}), prior), 2) << agl_m;
+  }
+}
+
 // The localizer takes any front end and any matcher.
 TEST_P(Matcher, WorksInTheLocalizer) {
   LocalizerConfig configured = config();
