@@ -406,13 +406,18 @@ class MissionsPage(support.EndToEnd):
     LONGITUDE = "Number(document.querySelector('[data-points=route] li:nth-child(1) [data-axis=lon]').value)"
 
     def handles(self, browser):
-        """Where the first two points of the selected part are, in pixels of the window."""
+        """Where the first two points of the selected part are, in pixels of the window, once the map stands still."""
         browser.wait_for("document.querySelectorAll('.leaflet-vertex-icon').length > 1")
-        return browser.evaluate("""(() => {
+        where = lambda: browser.evaluate("""(() => {
           document.getElementById('map').scrollIntoView({ block: 'nearest' });
           return [...document.querySelectorAll('.leaflet-vertex-icon')].filter((icon) => !icon.classList.contains('leaflet-middle-icon')).slice(0, 2)
             .map((icon) => icon.getBoundingClientRect()).map((box) => [box.left + box.width / 2, box.top + box.height / 2]);
         })()""")
+        last, now = None, where()
+        while now != last:
+            time.sleep(.3)
+            last, now = now, where()
+        return now
 
     def test_a_finger_drags_a_point_a_part_and_the_map(self):
         browser = self.browse("#" + self.imported()["id"], size="phone")
