@@ -10,9 +10,9 @@
 
 namespace nadir {
 
-// What is kept of a frame: a third of a megabyte.
+// What is kept of a frame: a third of a megabyte. The front end keeps the image as well, half as much again.
 struct OdometryFeatures {
-  OdometryFrame frame;    // at working size, without its image
+  OdometryFrame frame;    // at working size; of odometry_features() without its image
   SiftFeatures features;  // pixels of that size
 };
 
