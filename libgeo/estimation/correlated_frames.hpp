@@ -14,8 +14,7 @@
 namespace nadir {
 
 // Both at working size, with their images. Pixels of the matched patches' centres, many of them wrong where the frames
-// do not overlap. None towards the horizon, where the heights of the two differ
-// by far, and where nothing resembles.
+// do not overlap. None towards the horizon, where the heights of the two differ by far, and where nothing stands out.
 PixelPairs correlated_pixels(const OdometryFrame& before, const OdometryFrame& now);
 
 }  // namespace nadir

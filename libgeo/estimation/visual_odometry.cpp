@@ -107,10 +107,9 @@ std::optional<MeasuredMotion> measure_motion(const OdometryFrame& before, const 
 
 namespace {
 
-// With an image of its own: the caller's may change.
+// With its image.
 OdometryFeatures described(const OdometryFrame& frame) {
   OdometryFeatures result{at_working_size(frame), {}};
-  if (result.frame.grey.data == frame.grey.data) result.frame.grey = frame.grey.clone();
   result.features = sift_features(result.frame.grey, {kMaxFeatures, kOctaveLayers, kSiftContrast});
   return result;
 }
@@ -140,6 +139,7 @@ class FeatureOdometry final : public OdometryFrontEnd {
   std::optional<OdometryStep> track(const OdometryFrame& frame) override {
     before_last_ = std::move(last_);
     last_ = std::exchange(now_, described(frame));
+    if (now_->frame.grey.data == frame.grey.data) now_->frame.grey = frame.grey.clone();  // the caller's may change
     return motion_since(last_);
   }
 

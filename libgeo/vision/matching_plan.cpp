@@ -8,6 +8,19 @@
 #include "geodesy/web_mercator.hpp"
 
 namespace nadir {
+
+GroundGrid grid_over(const PlaneBox& box, const MapWindow& map) {
+  const double left = std::floor((box.west_m - map.west_m) / map.gsd_m);
+  const double top = std::floor((map.north_m - box.north_m) / map.gsd_m);
+  GroundGrid grid;
+  grid.gsd_m = map.gsd_m;
+  grid.west_m = map.west_m + left * map.gsd_m;
+  grid.north_m = map.north_m - top * map.gsd_m;
+  grid.columns = static_cast<int>(std::ceil((box.east_m - grid.west_m) / grid.gsd_m));
+  grid.rows = static_cast<int>(std::ceil((grid.north_m - box.south_m) / grid.gsd_m));
+  return grid;
+}
+
 MapWindow cropped_to_map(const MapWindow& map, double margin_m) {
   const int margin = static_cast<int>(std::ceil(margin_m / map.gsd_m));
   const cv::Rect box = cv::boundingRect(map.mask);

@@ -34,6 +34,9 @@ AnchorMatch begin_match(const MatchingPlan& plan);
 // The ground that a frame taken in the searched square may show, with the attitude uncertainty of the prior.
 PlaneBox searched_ground(const CameraModel& camera, const AnchorPrior& prior, const MatchingPlan& plan);
 
+// The smallest grid over the box whose pixels are those of the map.
+GroundGrid grid_over(const PlaneBox& box, const MapWindow& map);
+
 // The window without the parts beyond the map, except for a margin that a template may overhang.
 MapWindow cropped_to_map(const MapWindow& map, double margin_m);
 

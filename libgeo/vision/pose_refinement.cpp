@@ -5,6 +5,7 @@
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 
+#include "vision/matching_plan.hpp"
 #include "vision/robust_gauss_newton.hpp"
 
 namespace nadir {
@@ -77,16 +78,7 @@ PoseRefinement::PoseRefinement(const CameraModel& camera, const AnchorPrior& pri
 
 std::optional<GroundGrid> PoseRefinement::grid() const {
   const auto box = footprint_of(camera_, pose_);
-  if (!box) return std::nullopt;
-  const double left = std::floor((box->west_m - map_.west_m) / map_.gsd_m);
-  const double top = std::floor((map_.north_m - box->north_m) / map_.gsd_m);
-  GroundGrid grid;
-  grid.gsd_m = map_.gsd_m;
-  grid.west_m = map_.west_m + left * map_.gsd_m;
-  grid.north_m = map_.north_m - top * map_.gsd_m;
-  grid.columns = static_cast<int>(std::ceil((box->east_m - grid.west_m) / grid.gsd_m));
-  grid.rows = static_cast<int>(std::ceil((grid.north_m - box->south_m) / grid.gsd_m));
-  return grid;
+  return box ? std::optional(grid_over(*box, map_)) : std::nullopt;
 }
 
 bool PoseRefinement::solve(AnchorMatch& match, const PatchMatches& found, const RectifiedFrame& rectified,

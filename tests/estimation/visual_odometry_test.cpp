@@ -192,7 +192,7 @@ TEST(FeatureOdometry, CorrelatesFramesWhoseFeaturesDrownInNoise) {
   }
 }
 
-// What hostile telemetry may say of one frame and the next: neither takes more memory than a level flight.
+// Whatever telemetry says of one frame and the next, nothing is found and nothing ends the program.
 TEST(FeatureOdometry, NothingFromHeightsAndTiltsThatDoNotFit) {
   Random random(7);
   const CameraPose level{{0, 0}, 120, {}};

@@ -11,8 +11,8 @@ from simulated_autopilot.scenario import Scenario, parse_event
 from simulated_autopilot.terrain import Grid
 
 from .flight import Flight
-from .ports import free_port
 from .ground_station import GroundStation
+from .ports import free_port
 from .run_summary import run_summary
 from .sitl_track import POSITION_KNOWN
 from .watch import Watch
