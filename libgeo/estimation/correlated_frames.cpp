@@ -1,5 +1,6 @@
 #include "estimation/correlated_frames.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <opencv2/core.hpp>
@@ -15,16 +16,71 @@ namespace tuned = parameters::correlated_frames;
 
 namespace {
 
-// A dark picture has few grey levels: they are spread before pixels are averaged, so that rounding takes nothing away.
-cv::Mat with_contrast(const cv::Mat& grey) {
-  cv::Scalar mean, deviation;
-  cv::meanStdDev(grey, mean, deviation);
-  const double gain = std::max(1.0, tuned::kContrast / std::max(1.0, deviation[0]));
-  cv::Mat levels(1, 256, CV_8UC1), result;
-  for (int i = 0; i < levels.cols; ++i) {
-    levels.at<std::uint8_t>(i) = cv::saturate_cast<std::uint8_t>(tuned::kMiddleGrey + gain * (i - mean[0]));
+// Brightness that varies slowly over the picture, as a polynomial of degree 4 in both directions: a lens darkens
+// towards its corners by about cos^4, the sky's light fades over haze. It moves along with the camera.
+class SlowBrightness {
+ public:
+  explicit SlowBrightness(const cv::Mat& grey) {
+    Eigen::Matrix<double, kTerms, kTerms> normal = Eigen::Matrix<double, kTerms, kTerms>::Zero();
+    Terms right = Terms::Zero();
+    for (int row = 0; row < tuned::kBrightnessCells; ++row) {
+      for (int column = 0; column < tuned::kBrightnessCells; ++column) {
+        const cv::Range rows = part(row, grey.rows), columns = part(column, grey.cols);
+        if (rows.empty() || columns.empty()) continue;
+        const double level = cv::mean(grey(rows, columns))[0];
+        const Terms terms = terms_at(centred((rows.start + rows.end) / 2.0, grey.rows),
+                                     centred((columns.start + columns.end) / 2.0, grey.cols));
+        normal += terms * terms.transpose();
+        right += level * terms;
+      }
+    }
+    coefficients_ = normal.ldlt().solve(right);
   }
-  cv::LUT(grey, levels, result);
+
+  // Of the whole picture's rows and columns, -1 to 1.
+  double at(double down, double across) const { return coefficients_.dot(terms_at(down, across)); }
+
+  static double centred(double at, int length) { return 2 * at / length - 1; }
+
+ private:
+  static constexpr int kDegree = 4, kTerms = (kDegree + 1) * (kDegree + 2) / 2;
+  using Terms = Eigen::Matrix<double, kTerms, 1>;
+
+  static cv::Range part(int number, int length) {
+    return {number * length / tuned::kBrightnessCells, (number + 1) * length / tuned::kBrightnessCells};
+  }
+
+  static Terms terms_at(double down, double across) {
+    Terms terms;
+    int next = 0;
+    double power_down = 1;
+    for (int i = 0; i <= kDegree; ++i, power_down *= down) {
+      double both = power_down;
+      for (int k = 0; k <= kDegree - i; ++k, both *= across) terms[next++] = both;
+    }
+    return terms;
+  }
+
+  Terms coefficients_ = Terms::Zero();
+};
+
+// Without the slow brightness, which is not the ground's. A dark picture has few grey levels: they are spread before
+// pixels are averaged, so that rounding takes nothing away.
+cv::Mat with_contrast(const cv::Mat& grey) {
+  const SlowBrightness slow(grey);
+  cv::Mat ground(grey.size(), CV_32FC1);
+  for (int row = 0; row < grey.rows; ++row) {
+    const auto* from = grey.ptr<std::uint8_t>(row);
+    auto* to = ground.ptr<float>(row);
+    const double down = SlowBrightness::centred(row + 0.5, grey.rows);
+    for (int column = 0; column < grey.cols; ++column) {
+      to[column] = static_cast<float>(from[column] - slow.at(down, SlowBrightness::centred(column + 0.5, grey.cols)));
+    }
+  }
+  cv::Scalar mean, deviation;
+  cv::meanStdDev(ground, mean, deviation);
+  cv::Mat result;
+  ground.convertTo(result, CV_8UC1, std::max(1.0, tuned::kContrast / std::max(1.0, deviation[0])), tuned::kMiddleGrey);
   return result;
 }
 
@@ -102,6 +158,7 @@ PixelPairs correlated_pixels(const OdometryFrame& before, const OdometryFrame& n
   if (!pose) return {};
   PixelPairs pairs;
   pairs.redundancy = tuned::kRedundancy;
+  pairs.still_px = tuned::kStill_px * gsd_m * before.camera.fx / before.agl_m;
   for (const PatchMatch& match : patches_on(*map, now, grey, *pose).found) {
     pairs.before.push_back(pixel_of(before, pose_of(before), match.on_map));
     pairs.now.push_back(pixel_of(now, *pose, match.in_frame));

@@ -134,6 +134,24 @@ PixelPairs similar_pixels(const OdometryFeatures& frame_before, const OdometryFe
 
 namespace {
 
+// Without those that stand still in the picture.
+PixelPairs moving(const PixelPairs& pairs) {
+  PixelPairs result;
+  result.redundancy = pairs.redundancy;
+  result.still_px = pairs.still_px;
+  for (std::size_t i = 0; i < pairs.now.size(); ++i) {
+    if (cv::norm(pairs.now[i] - pairs.before[i]) < pairs.still_px) continue;
+    result.before.push_back(pairs.before[i]);
+    result.now.push_back(pairs.now[i]);
+  }
+  return result;
+}
+
+// Relative to the ground.
+bool stands_still(const OdometryStep& step, const OdometryFrame& now, double still_px) {
+  return step.displacement_m.norm() * now.camera.fx / now.agl_m < still_px;
+}
+
 class FeatureOdometry final : public OdometryFrontEnd {
  public:
   std::optional<OdometryStep> track(const OdometryFrame& frame) override {
@@ -155,9 +173,15 @@ class FeatureOdometry final : public OdometryFrontEnd {
   std::optional<OdometryStep> motion_since(const std::optional<OdometryFeatures>& before) const {
     if (!before || !now_) return std::nullopt;
     const OdometryFrame &one = before->frame, &other = now_->frame;
-    auto measured = measure_motion(one, other, similar_pixels(*before, *now_));
-    if (!measured) measured = measure_motion(one, other, correlated_pixels(one, other));
-    return measured ? std::optional(measured->step) : std::nullopt;
+    const auto motion = motion_of(one, other, similar_pixels(*before, *now_));
+    return motion ? motion : motion_of(one, other, correlated_pixels(one, other));
+  }
+
+  static std::optional<OdometryStep> motion_of(const OdometryFrame& before, const OdometryFrame& now,
+                                               const PixelPairs& pairs) {
+    const auto measured = measure_motion(before, now, moving(pairs));
+    if (!measured || stands_still(measured->step, now, pairs.still_px)) return std::nullopt;
+    return measured->step;
   }
 
   std::optional<OdometryFeatures> now_, last_, before_last_;

@@ -64,6 +64,10 @@ using OdometryFactory = std::function<std::unique_ptr<OdometryFrontEnd>()>;
 
 // SIFT features and a robust homography for the inliers, then measure_motion(). Where they show no motion, both frames
 // are correlated as wholes (correlated_frames.hpp).
+//
+// An aircraft with fixed wings never stands still. What does, in the picture or relative to the aircraft, is not the
+// ground: dirt on the lens, text in the picture, landing gear, the aircraft's own shadow, the sun in the water. It is
+// all that a frame of water or fog shows, and is taken for no motion at all, not for one of zero metres.
 std::unique_ptr<OdometryFrontEnd> make_feature_odometry();
 
 // ---- What front ends that compare images have in common, however they find corresponding pixels.
@@ -71,7 +75,8 @@ std::unique_ptr<OdometryFrontEnd> make_feature_odometry();
 // Pixels of both frames at working size, the same points in the same order, outliers among them.
 struct PixelPairs {
   std::vector<cv::Point2f> before, now;
-  double redundancy = 1;  // how many pairs show the same pixels and count as one
+  double redundancy = 1;                                     // how many pairs show the same pixels and count as one
+  double still_px = parameters::visual_odometry::kStill_px;  // who moved by less did not move over the ground
 };
 
 struct MeasuredMotion {

@@ -66,11 +66,25 @@ class Photographs {
 
   Random& random() { return random_; }
 
+  // Of water, fog, snow: nothing but the camera's own picture.
+  std::optional<OdometryFrame> take_nothing(const CameraPose& pose) {
+    const double level = random_.uniform(30, 220);
+    cv::Mat picture(file_.camera.height, file_.camera.width, CV_8UC3, cv::Scalar(level, level, level));
+    return finish(picture, pose, {.gain = random_.uniform(0.97, 1.03)}, false);
+  }
+
   // With telemetry as it errs in flight; nothing where nobody would look at the picture.
   std::optional<OdometryFrame> take(const World& world, const CameraPose& pose, bool night, bool mirrored) {
     cv::Mat picture = photographer_.photograph(world, pose);
-    sensor_.expose(picture, Exposure(), number_++);
     if (mirrored) cv::flip(picture, picture, 1);
+    return finish(picture, pose, {}, night);
+  }
+
+ private:
+  static constexpr double kTilt_rad = 0.014;  // 0.8°
+
+  std::optional<OdometryFrame> finish(cv::Mat& picture, const CameraPose& pose, const Exposure& exposure, bool night) {
+    sensor_.expose(picture, exposure, number_++);
     if (night) make_night(picture, random_);
     OdometryFrame frame;
     cv::cvtColor(picture, frame.grey, cv::COLOR_BGR2GRAY);
@@ -85,9 +99,6 @@ class Photographs {
     frame.linearization_point.heading_rad = pose.attitude.heading_rad;
     return frame;
   }
-
- private:
-  static constexpr double kTilt_rad = 0.014;  // 0.8°
 
   CameraFile file_;
   Photographer photographer_;
@@ -123,8 +134,9 @@ int main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
   const Worlds worlds(count, first_world_of(seed));
   Photographs photographs(seed);
+  Photographs waters(seed);  // draws of their own
   Random& random = photographs.random();
-  Tally day, night, mirrored, elsewhere;
+  Tally day, night, mirrored, elsewhere, nothing;
   while (night.pairs < pairs || elsewhere.pairs < pairs) {
     const auto number = static_cast<std::size_t>(random.integer(0, count - 1));
     const World &world = *worlds.all[number], &other = worlds.neighbour(number);
@@ -139,6 +151,7 @@ int main(int argc, char** argv) {
     const auto now = photographs.take(world, b, true, false);
     if (day.pairs < pairs)
       compare(photographs.take(world, a, false, false), photographs.take(world, b, false, false), truth_m, day);
+    if (nothing.pairs < pairs) compare(waters.take_nothing(a), waters.take_nothing(b), truth_m, nothing);
     if (!now) continue;
     compare(photographs.take(world, a, true, false), now, truth_m, night);
     compare(photographs.take(world, a, true, true), now, truth_m, mirrored);
@@ -151,5 +164,6 @@ int main(int argc, char** argv) {
   print("at night", night);
   print("at night, mirrored: no step is right", mirrored);
   print("at night, of another world: likewise", elsewhere);
+  print("by day, of water: likewise", nothing);
   std::cout << fmt::format("base seed {}, {} worlds\n", seed, count);
 }

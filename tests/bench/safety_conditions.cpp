@@ -6,8 +6,9 @@ namespace nadir::bench {
 namespace {
 
 constexpr std::array kConditions = {
-    // Together as often as nominal was before the other came: so each index has the fault that it had.
-    Condition{"nominal", Fault::none, 0, 3},
+    // Together as often as nominal was before the others came: so each index has the fault that it had.
+    Condition{"nominal", Fault::none, 0, 2},
+    Condition{"water", Fault::water},
     Condition{"compass deviates 9 deg", Fault::deviation},
     Condition{"old map", Fault::old_map, 0, 2},
     Condition{"heading +8 deg", Fault::heading_bias},

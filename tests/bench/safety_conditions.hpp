@@ -25,6 +25,7 @@ enum class Fault {
   blur,
   night,
   blackout,  // a fifth of the frames
+  water,     // nothing but the camera's own picture, for two frames or from some frame on
   outlier,   // one frame from 350 m away
   time_jump,
   no_attitude,  // NaN

@@ -95,6 +95,12 @@ void damage(Flight& flight, const World& world, const Photographer& photographer
       case Fault::blackout:
         if (random.chance(0.2)) shot.picture = cv::Mat();
         break;
+      case Fault::water:
+        if (i == hit || i == hit + 1 || (lasting && from_hit)) {
+          shot.picture.setTo(cv::Scalar(68, 62, 44));
+          expose(sensor, shot.picture, i, random);
+        }
+        break;
       case Fault::outlier:
         if (i == hit) {
           CameraPose elsewhere = shot.truth;
