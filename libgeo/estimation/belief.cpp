@@ -343,12 +343,8 @@ void PlaceBelief::move_hits_to(const LookCandidate& candidate, const Weighing& w
     track_ = at.weight;
     anchored_ = true;
     hinted_ = false;
-  } else if (target < places_.size()) {
-    at.weight.visible += places_[target].weight.visible;
-    at.weight.hidden += places_[target].weight.hidden;
-    places_[target] = at;
   } else {
-    add(at);
+    add(at);  // what missed stays where it was, in a place of its own unless it hardly differs
   }
 }
 
@@ -372,6 +368,8 @@ void PlaceBelief::add(const Place& added) {
         (1 - share) * place.covariance_m2 + share * added.covariance_m2 + share * (1 - share) * off * off.transpose();
     place.weight.visible += added.weight.visible;
     place.weight.hidden += added.weight.hidden;
+    place.weight.footprints_since_hit = std::min(place.weight.footprints_since_hit, added.weight.footprints_since_hit);
+    place.footprints = std::max(place.footprints, added.footprints);
     place.of_hint = place.of_hint && added.of_hint;
     return;
   }

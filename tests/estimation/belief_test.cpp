@@ -297,6 +297,25 @@ TEST(Belief, AnEarlierAnchorIsOverruledAfterSomeFootprints) {
   EXPECT_GE(looks, kOverrulingFootprints);
 }
 
+// Of a place hundreds of metres wide a weak candidate near the track is hardly a part: what is left of a flight that
+// was lost stays as wide as it was, and so does the level.
+TEST(Belief, AWeakCandidateDoesNotCarryAWidePlaceAway) {
+  PlaceBelief belief(kStartDoubt, kArea);
+  const TrackPrediction lost = track({0, 0}, 300, false);
+  belief.update(look_at({0, 0}, 900, PlanePoint(600, 0), 2), lost);
+  ASSERT_TRUE(belief.update(look_at({0, 0}, 900, PlanePoint(600, 0), 3, 0.6), lost).accepted);
+  belief.on_anchor({600, 0}, circle(300), circle(3));
+  const auto level_m = [&] {
+    return belief.protection_level_m(circle(3), 1e-5, Eigen::Matrix2d::Zero()).value_or(1e9);
+  };
+  const double before_m = level_m();
+  ASSERT_GT(before_m, 600);
+  for (const PlanePoint weak : {PlanePoint(590, 50), PlanePoint(615, -40), PlanePoint(640, 10)}) {
+    belief.update(look_at({600, 0}, 60, weak, -0.7, 0.1), track({600, 0}, 3, false));
+    EXPECT_GT(level_m(), 0.9 * before_m);
+  }
+}
+
 TEST(Belief, AFrameThatDoesNotContinueTheTrackCannotMoveItAlone) {
   LookFlight flight = known_start(60);
   Look look = look_at({0, 0}, 180, PlanePoint{70, 0}, 8);
