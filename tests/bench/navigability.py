@@ -123,6 +123,19 @@ def fly(programs, work, seed, flights, stretches, spacing_m):
         yield prediction, folder / "out" / "estimates.csv", folder / "flight" / "truth.csv"
 
 
+def misleading_frames(estimates, truth):
+    """(frames that are farther off than their level says, frames with a level, the farthest of them in metres)"""
+    where = {row["frame"]: (float(row["lon_deg"]), float(row["lat_deg"])) for row in csv.DictReader(truth.open())}
+    with_level = [row for row in csv.DictReader(estimates.open()) if row["frame"] in where and row["hpl_m"]]
+    beyond_m = []
+    for row in with_level:
+        lon, lat = where[row["frame"]]
+        off_m = math.hypot((float(row["lon_deg"]) - lon) * math.cos(math.radians(lat)) * 111320, (float(row["lat_deg"]) - lat) * 111200)
+        if off_m > float(row["hpl_m"]):
+            beyond_m.append(off_m)
+    return len(beyond_m), len(with_level), max(beyond_m, default=0)
+
+
 def frames_of(prediction, estimates, truth, spacing_m):
     """[(look, anchored, protection level or None)] of a flight. Frames follow the route, so that one that crosses itself confuses nothing."""
     looks = json.loads(prediction.read_text())["looks"]
@@ -285,18 +298,23 @@ def main():
         run(args.programs, "keys", "create", "--out", args.work / "planner")
         run(args.programs, "keys", "root", "--root-key", args.work / "root.key.pem", "--package-signer", args.work / "planner.pub.pem",
             "--expires", "2099-01-01", "--out", args.work / "root.json")
-    flights, kinds = [], []
+    flights, kinds, misled = [], [], {}
     if args.seeds[1] >= args.seeds[0]:
         for seed in range(args.seeds[0], args.seeds[1] + 1):
-            flights += [frames_of(*files, args.spacing_m)
-                        for files in fly(args.programs, args.work, seed, args.flights, args.stretches, args.spacing_m)]
+            files = list(fly(args.programs, args.work, seed, args.flights, args.stretches, args.spacing_m))
+            flights += [frames_of(*one, args.spacing_m) for one in files]
             stretch = args.work / f"s{seed}" / "stretch"
-            kinds += [stretch.read_text() if args.stretches else ""] * (len(flights) - len(kinds))
+            kind = stretch.read_text() if args.stretches else ""
+            kinds += [kind] * len(files)
+            misled.setdefault(kind, []).extend(misleading_frames(*one[1:]) for one in files)
             print(f"seed {seed}: {len(flights)} flights", file=sys.stderr)
     if args.fit:
         if args.seeds[1] >= 1_000_000:
             sys.exit("seeds from a million on judge: fit on others")
         print("kLookOffset, kLookPerRatio, kLookPerLogFootprint:", *(f"{weight:.3f}" for weight in fit(flights)))
+    for kind, counts in sorted(misled.items()):
+        print(f"{kind or 'worlds as they are'}: {sum(c[0] for c in counts)} of {sum(c[1] for c in counts)} frames with a level were farther off than it says, "
+              f"in {sum(c[0] > 0 for c in counts)} of {len(counts)} flights; the farthest {max((c[2] for c in counts), default=0):.0f} m")
     judge("simulated", flights)
     judge_levels(flights)
     for kind in sorted(set(kinds)):
