@@ -40,8 +40,7 @@ std::uint64_t number_of(LonLat place, std::uint64_t probe) {
 }  // namespace
 
 bool is_bare(const ProbedGround& look) {
-  constexpr double kRounding = 1e-9;
-  return look.valid >= kMinValidShare && look.log_score <= std::log(kLeastLookScore) + kRounding;
+  return look.valid >= kMinValidShare && look.log_score <= std::log(kBareScore);
 }
 
 double anchor_probability(const ProbedGround& look) {

@@ -11,11 +11,14 @@ namespace nadir::parameters::navigability {
 
 // ---- looks
 
-inline constexpr int kProbesPerLook = 4;               // of other noise each; a quarter of the scatter of one; chosen
-inline constexpr double kHeightStep = 0.05;            // heights that differ by less, relative, share a probe; chosen
-inline constexpr double kLeastFootprint_px = 10;       // of a probe, on a side; numerical
-inline constexpr std::size_t kTextureSamples = 200;    // places of the route that its typical texture is of; chosen
-inline constexpr double kLeastLookScore = 0.02;        // a correlation below it is none; its logarithm stays bounded
+inline constexpr int kProbesPerLook = 4;             // of other noise each; a quarter of the scatter of one; chosen
+inline constexpr double kHeightStep = 0.05;          // heights that differ by less, relative, share a probe; chosen
+inline constexpr double kLeastFootprint_px = 10;     // of a probe, on a side; numerical
+inline constexpr std::size_t kTextureSamples = 200;  // places of the route that its typical texture is of; chosen
+inline constexpr double kLeastLookScore = 0.02;      // a correlation below it is none; its logarithm stays bounded
+// Ground whose probes correlate with itself by less shows nothing: of 123 looks at such ground none anchored;
+// [navigability], lakes of seeds 201 to 203.
+inline constexpr double kBareScore = 0.05;
 inline constexpr double kSmallFootprint_px = 200;      // a frame of fewer pixels of the map is called small; chosen
 inline constexpr double kLookOffset = -5.031;          // ln odds of an anchor; [navigability]
 inline constexpr double kLookPerRatio = -3.324;        // likewise, for each unit of the ratio
@@ -23,13 +26,14 @@ inline constexpr double kLookPerLogFootprint = 1.613;  // … of the logarithm o
 
 // ---- legs
 
-inline constexpr double kGoodLook = 0.95, kPoorLook = 0.5;  // probabilities: from here on good, below it poor; chosen
-inline constexpr double kFrameOverlap = 0.7;                // of neighbouring frames, where no spacing is given; chosen
-inline constexpr double kLeastSpacing_m = 5;                // … and at least so far apart; chosen
-inline constexpr double kShortLeg_m = 60;                   // a shorter section does not interrupt a leg; chosen
-inline constexpr std::array kHeightTrials{1.5, 2.0, 0.7};   // times the planned height, as remedies; chosen
-inline constexpr double kUsefulGain = 0.2;                  // in probability: a remedy is worth naming; chosen
-inline constexpr std::size_t kRemedySamples = 5;            // places of a leg where remedies are tried; chosen
+inline constexpr double kGoodLook = 0.95,
+                        kPoorLook = 0.5;                   // share of flights: from here on good, below it poor; chosen
+inline constexpr double kFrameOverlap = 0.7;               // of neighbouring frames, where no spacing is given; chosen
+inline constexpr double kLeastSpacing_m = 5;               // … and at least so far apart; chosen
+inline constexpr double kShortLeg_m = 60;                  // a shorter section does not interrupt a leg; chosen
+inline constexpr std::array kHeightTrials{1.5, 2.0, 0.7};  // times the planned height, as remedies; chosen
+inline constexpr double kUsefulGain = 0.2;                 // in probability: a remedy is worth naming; chosen
+inline constexpr std::size_t kRemedySamples = 5;           // places of a leg where remedies are tried; chosen
 
 // ---- protection level
 

@@ -18,6 +18,7 @@ json facts_of(const PredictedLook& look) {
           {"frame_width_m", rounded_to(look.frame_width_m, 10)},
           {"frame_height_m", rounded_to(look.frame_height_m, 10)},
           {"probability", rounded_to(look.probability, 1e4)},
+          {"anchored_share", rounded_to(look.anchored_share, 1e3)},
           {"since_anchor_m", rounded_to(look.since_anchor_m, 10)},
           {"hpl_m", metres(look.hpl_m)},
           {"beyond_share", rounded_to(look.beyond_share, 1e3)},
@@ -38,6 +39,7 @@ json facts_of(const PredictedLeg& leg) {
           {"begin_m", rounded_to(leg.begin_m, 10)},
           {"length_m", rounded_to(leg.length_m, 10)},
           {"probability", rounded_to(leg.probability, 1e4)},
+          {"anchored_share", rounded_to(leg.anchored_share, 1e4)},
           {"hpl_m", metres(leg.hpl_m)},
           {"reason", leg.reason},
           {"remedies", leg.remedies}};

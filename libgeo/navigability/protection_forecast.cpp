@@ -120,6 +120,7 @@ class DrawnFlight {
 
   struct Moment {
     float hpl_m, since_anchor_m;  // infinite: no level
+    bool anchored;
   };
   Moment fly(const ForecastFrame& frame) {
     bool tracked = false;
@@ -135,7 +136,7 @@ class DrawnFlight {
     const auto hpl_m = belief_.protection_level_m(filter_.position_covariance_m2(), setup_.integrity_risk,
                                                   common_m2 * Eigen::Matrix2d::Identity());
     return {static_cast<float>(hpl_m.value_or(std::numeric_limits<double>::infinity())),
-            static_cast<float>(since_anchor_m_)};
+            static_cast<float>(since_anchor_m_), since_anchor_m_ == 0 && anchored_};
   }
 
  private:
@@ -262,16 +263,18 @@ std::vector<ForecastLevel> forecast_levels(std::span<const ForecastFrame> frames
   std::vector<ForecastLevel> levels;
   std::vector<float> hpl_m(flights.size()), since_m(flights.size());
   for (std::size_t i = 0; i < frames.size(); ++i) {
-    std::size_t beyond = 0;
+    std::size_t beyond = 0, anchored = 0;
     for (std::size_t k = 0; k < flights.size(); ++k) {
       hpl_m[k] = flights[k][i].hpl_m;
       since_m[k] = flights[k][i].since_anchor_m;
       if (static_cast<double>(hpl_m[k]) > setup.alert_limit_m) ++beyond;
+      if (flights[k][i].anchored) ++anchored;
     }
     ForecastLevel level;
     const double most_m = static_cast<double>(quantile(hpl_m, kProtectionShare));
     if (std::isfinite(most_m)) level.hpl_m = most_m;
     level.beyond_share = static_cast<double>(beyond) / static_cast<double>(flights.size());
+    level.anchored_share = static_cast<double>(anchored) / static_cast<double>(flights.size());
     level.since_anchor_m = static_cast<double>(quantile(since_m, kProtectionShare));
     levels.push_back(level);
   }

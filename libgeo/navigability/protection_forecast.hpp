@@ -74,6 +74,7 @@ struct ForecastSetup {
 struct ForecastLevel {
   std::optional<double> hpl_m;  // nine flights of ten stay below; nothing: too many have none
   double beyond_share = 0;      // of the flights: the level is beyond the alert limit, or there is none
+  double anchored_share = 0;    // of the flights: this look anchors
   double since_anchor_m = 0;    // in nine flights of ten at most
 };
 

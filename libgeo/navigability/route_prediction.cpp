@@ -88,9 +88,13 @@ const Sidecar* sidecar_of(std::span<const Sidecar> sidecars, const TileKey& key)
   return found == sidecars.end() || found->key != key ? nullptr : &*found;
 }
 
-LegVerdict verdict_of(double probability) {
-  if (probability >= kGoodLook) return LegVerdict::good;
-  return probability < kPoorLook ? LegVerdict::poor : LegVerdict::fair;
+LegVerdict verdict_of(double share) {
+  if (share >= kGoodLook) return LegVerdict::good;
+  return share < kPoorLook ? LegVerdict::poor : LegVerdict::fair;
+}
+
+double anchored_share(const PredictedLook& look, double start_m) {
+  return look.at_m < start_m ? look.probability : look.anchored_share;
 }
 
 bool beyond_limit(const PredictedLook& look, double alert_limit_m) {
@@ -160,10 +164,12 @@ void predict_protection(std::vector<PredictedLook>& looks, const Mission& missio
       const ForecastLevel& level = levels[i];
       worst.hpl_m = worst.hpl_m && level.hpl_m ? std::optional(std::max(*worst.hpl_m, *level.hpl_m)) : std::nullopt;
       worst.beyond_share = std::max(worst.beyond_share, level.beyond_share);
+      worst.anchored_share = std::min(worst.anchored_share, level.anchored_share);
       worst.since_anchor_m = std::max(worst.since_anchor_m, level.since_anchor_m);
     }
     looks[k].hpl_m = worst.hpl_m;
     looks[k].beyond_share = worst.beyond_share;
+    looks[k].anchored_share = worst.anchored_share;
     looks[k].since_anchor_m = worst.since_anchor_m;
   }
 }
@@ -192,7 +198,8 @@ std::string reason_of(const PredictedLeg& leg, const std::vector<PredictedLook>&
   }
   if (score < kLeastScore) return "the ground has little structure that lasts: water, bare fields, wood";
   if (ratio > kGoodRatio) return "other places look alike: rows of crops, repeated buildings";
-  if (leg.verdict == LegVerdict::good) return "looks before this leg leave the position in doubt";
+  if (std::max(leg.probability, leg.anchored_share) >= kGoodLook)
+    return "looks before this leg leave the position in doubt";
   return "looks anchor now and then only";
 }
 
@@ -270,15 +277,16 @@ std::vector<PredictedLeg> legs_of(const std::vector<PredictedLook>& looks, doubl
   for (std::size_t i = 0; i < looks.size(); ++i) {
     double sum = 0, number = 0;
     for (std::size_t k = i; k < looks.size() && looks[k].at_m - looks[i].at_m <= kShortLeg_m / 2; ++k)
-      sum += looks[k].probability, ++number;
+      sum += anchored_share(looks[k], start_m), ++number;
     for (std::size_t k = i; k-- > 0 && looks[i].at_m - looks[k].at_m <= kShortLeg_m / 2;)
-      sum += looks[k].probability, ++number;
+      sum += anchored_share(looks[k], start_m), ++number;
     verdicts.push_back(verdict_of(sum / number));
   }
   for (std::size_t i = 0; i < looks.size(); ++i) {
     const bool beyond = looks[i].at_m >= start_m && beyond_limit(looks[i], alert_limit_m);
     if (legs.empty() || legs.back().verdict != verdicts[i] || legs.back().beyond_alert_limit != beyond) {
-      legs.push_back({verdicts[i], beyond, i, i, looks[i].at_m, 0, 0, 0.0});
+      legs.push_back(
+          {.verdict = verdicts[i], .beyond_alert_limit = beyond, .first = i, .begin_m = looks[i].at_m, .hpl_m = 0.0});
     }
     legs.back().last = i;
   }
@@ -287,6 +295,7 @@ std::vector<PredictedLeg> legs_of(const std::vector<PredictedLook>& looks, doubl
     leg.length_m = (i + 1 < legs.size() ? legs[i + 1].begin_m : route_m) - leg.begin_m;
     for (std::size_t k = leg.first; k <= leg.last; ++k) {
       leg.probability += looks[k].probability / static_cast<double>(leg.last - leg.first + 1);
+      leg.anchored_share += anchored_share(looks[k], start_m) / static_cast<double>(leg.last - leg.first + 1);
       if (looks[k].at_m < start_m) continue;
       leg.hpl_m = leg.hpl_m && looks[k].hpl_m ? std::optional(std::max(*leg.hpl_m, *looks[k].hpl_m)) : std::nullopt;
     }

@@ -1,16 +1,17 @@
 // Where along the route would the aircraft know its position? Predicted from the package, the camera and the heights.
 //
-// At every frame of the planned flight: the probability that its look anchors (look_model.hpp), and the protection
-// level that the integrity monitor would state. The flight is drawn many times, look by look, with the belief that
-// flies (protection_forecast.hpp); stated is the level that nine flights of ten stay below.
+// At every frame of the planned flight: the probability that the map there can be matched (look_model.hpp), the share
+// of flights that anchor there, and the protection level that the integrity monitor would state. The flight is drawn
+// many times, look by look, with the belief that flies (protection_forecast.hpp): a flight that was lost over a lake
+// anchors over no ground behind it, however good. Stated is the level that nine flights of ten stay below.
 //
 // The start: a position that a person gave is wrong more often than the integrity risk. Until looks at different ground
 // have agreed the level is beyond any limit, on every route, for a few footprints. This is stated as start_m and is no
 // leg; a start that takes longer is one, with its reason.
 //
-// A leg is a section of the route with one verdict: good where P is high, poor where it is low, fair between them, and
-// beyond the alert limit where the level exceeds it. Poor legs and those beyond the limit carry the reason, and what
-// was tried and helps: another height, a leg beside it, fresher or finer imagery.
+// A leg is a section of the route with one verdict: good where nearly all flights anchor, poor where few do, fair
+// between them, and beyond the alert limit where the level exceeds it. Poor legs and those beyond the limit carry the
+// reason, and what was tried and helps: another height, a leg beside it, fresher or finer imagery.
 #pragma once
 
 #include <optional>
@@ -47,7 +48,8 @@ struct PredictedLook {
   double frame_width_m = 0, frame_height_m = 0;  // the footprint on the ground
   std::optional<int> imagery_age_days;
   ProbedGround features;
-  double probability = 0;         // that the look anchors
+  double probability = 0;         // that the look anchors, asked of the map alone
+  double anchored_share = 0;      // of the flights: this look anchors
   double map_sigma_m = 0;         // one axis of the map's own error here
   double since_anchor_m = 0;      // at most, in nine flights of ten
   std::optional<double> hpl_m{};  // protection level that nine flights of ten stay below; nothing: too many have none
@@ -59,7 +61,8 @@ struct PredictedLeg {
   bool beyond_alert_limit = false;
   std::size_t first = 0, last = 0;  // of the looks
   double begin_m = 0, length_m = 0;
-  double probability = 0;               // mean
+  double probability = 0;               // mean, of the map alone
+  double anchored_share = 0;            // mean; before the start is confirmed, that of the map alone
   std::optional<double> hpl_m{};        // largest; nothing: one look has none
   std::string reason{};                 // of all but good ones within the limit
   std::vector<std::string> remedies{};  // what helps, by trial
@@ -82,7 +85,8 @@ struct RoutePrediction {
 RoutePrediction predict_route(const Mission& mission, const TileSource& tiles, std::span<const Sidecar> sidecars,
                               const TerrainRaster* terrain, const PredictionOptions& options, Progress& progress);
 
-// The part that needs no map, for tests. Looks up to start_m are no reason for a leg to be beyond the limit.
+// The part that needs no map, for tests. Up to start_m a look's verdict is that of the map alone: it anchors late, on
+// every route, and is no reason for a leg to be beyond the limit.
 std::vector<PredictedLeg> legs_of(const std::vector<PredictedLook>& looks, double alert_limit_m, double route_m,
                                   double start_m = 0);
 

@@ -216,8 +216,8 @@ def judge(name, flights):
     if not frames:
         print(f"{name}: nothing to compare")
         return
-    predicted, anchored = [look["probability"] for look, _, _ in frames], [float(hit) for _, hit, _ in frames]
-    per_flight = [(sum(look["probability"] for look, _, _ in flight) / len(flight), sum(hit for _, hit, _ in flight) / len(flight))
+    predicted, anchored = [look["anchored_share"] for look, _, _ in frames], [float(hit) for _, hit, _ in frames]
+    per_flight = [(sum(look["anchored_share"] for look, _, _ in flight) / len(flight), sum(hit for _, hit, _ in flight) / len(flight))
                   for flight in flights if flight]
     print(f"{name}: {len(per_flight)} flights, {len(frames)} frames, {100 * sum(anchored) / len(anchored):.1f} % anchored")
     print(f"  Spearman of frames {spearman(predicted, anchored):.2f}" +
@@ -228,7 +228,7 @@ def judge(name, flights):
     # Over good ground an aircraft that is lost does not anchor either.
     knowing = [frame for flight in flights for before, frame in zip(flight, flight[1:]) if before[2] is not None and before[2] <= 100]
     for verdict, low, high in (("good", 0.95, 1.01), ("poor", -1, 0.5)):
-        part = [hit for look, hit, _ in knowing if low <= look["probability"] < high]
+        part = [hit for look, hit, _ in knowing if low <= look["anchored_share"] < high]
         if part:
             print(f"  called {verdict}, the frame before within 100 m: {len(part)} frames, {100 * sum(part) / len(part):.1f} % anchored")
     print("  reliability: predicted, anchored, frames")

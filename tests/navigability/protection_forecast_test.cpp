@@ -53,6 +53,8 @@ TEST(ProtectionForecast, AStartIsConfirmedByLooksThatAgree) {
   EXPECT_LT(level_of(levels[8]), 40);
   EXPECT_LT(levels[8].beyond_share, 0.1);
   EXPECT_EQ(levels[8].since_anchor_m, 0);
+  EXPECT_LT(levels[0].anchored_share, levels[8].anchored_share);
+  EXPECT_GE(levels[8].anchored_share, 0.95);
 }
 
 TEST(ProtectionForecast, AStartOverPoorGroundStaysUnconfirmed) {
@@ -89,6 +91,7 @@ TEST(ProtectionForecast, OverBareGroundOverlapDoesNotHelp) {
 TEST(ProtectionForecast, WhoIsLostIsNotFoundAgain) {
   const auto levels = forecast(straight(40, 60, [](std::size_t i) { return i < 25 ? 0.0 : 0.98; }));
   EXPECT_GT(levels.back().beyond_share, 0.9);
+  EXPECT_LT(levels.back().anchored_share, 0.1);
   const auto soon = forecast(straight(40, 60, [](std::size_t i) { return i < 4 ? 0.0 : 0.98; }));
   EXPECT_LT(soon.back().beyond_share, 0.1);
 }
@@ -117,6 +120,7 @@ TEST(ProtectionForecast, ThreadsDoNotMatterAndNoFramesHaveNoLevels) {
   for (std::size_t i = 0; i < one.size(); ++i) {
     EXPECT_EQ(one[i].hpl_m, three[i].hpl_m);
     EXPECT_EQ(one[i].beyond_share, three[i].beyond_share);
+    EXPECT_EQ(one[i].anchored_share, three[i].anchored_share);
   }
   EXPECT_TRUE(forecast({}).empty());
   EXPECT_EQ(forecast(straight(1, 150, [](std::size_t) { return 1.0; })).size(), 1U);

@@ -84,7 +84,7 @@ TEST(RoutePrediction, RoofsAreGoodWaterAndTheMapsEdgeArePoor) {
   ASSERT_GE(prediction.looks.size(), 22U);
   EXPECT_NEAR(prediction.looks.front().frame_width_m, 150 * 640 / 500.0, 1e-9);
   EXPECT_EQ(prediction.legs.front().verdict, LegVerdict::good);
-  EXPECT_GE(prediction.legs.front().probability, kGoodLook);
+  EXPECT_GE(prediction.legs.front().anchored_share, kGoodLook);
   EXPECT_TRUE(prediction.legs.front().reason.empty());
   const PredictedLeg& last = prediction.legs.back();
   EXPECT_EQ(last.verdict, LegVerdict::poor);
@@ -161,7 +161,7 @@ std::vector<PredictedLook> looks_with(const std::vector<std::optional<double>>& 
   std::vector<PredictedLook> looks(levels_m.size());
   for (std::size_t i = 0; i < looks.size(); ++i) {
     looks[i].at_m = 50.0 * static_cast<double>(i);
-    looks[i].probability = probability;
+    looks[i].probability = looks[i].anchored_share = probability;
     looks[i].hpl_m = levels_m[i];
   }
   return looks;
@@ -180,6 +180,17 @@ TEST(RoutePrediction, AUsualStartIsNoLegAndAnUnknownLevelIsBeyondTheLimit) {
   ASSERT_EQ(long_start.size(), 4U);
   EXPECT_TRUE(long_start[0].beyond_alert_limit);
   EXPECT_EQ(long_start[0].last, 1U);
+}
+
+TEST(RoutePrediction, GoodGroundBehindALossIsAnchoredByThoseWhoAreNotLost) {
+  auto looks = looks_with({std::nullopt, 20, 20, 20, 60, 80, 80, 80}, 0.97);
+  looks[0].anchored_share = 0;  // the start waits for a second look, on every route
+  for (std::size_t i = 4; i < looks.size(); ++i) looks[i].anchored_share = 0.3;
+  const auto legs = legs_of(looks, 100, 350, 50);
+  ASSERT_EQ(legs.size(), 2U);
+  EXPECT_EQ(legs[0].verdict, LegVerdict::good);
+  EXPECT_EQ(legs[1].verdict, LegVerdict::poor);
+  EXPECT_NEAR(legs[1].anchored_share, 0.3, 1e-12);
 }
 
 TEST(RoutePrediction, FramesMayBeFlownCloserOrFartherThanLooksArePredicted) {
@@ -226,8 +237,8 @@ TEST(RoutePrediction, DocumentsAreGeoJsonAndStable) {
   EXPECT_EQ(map["features"][0]["geometry"]["type"], "LineString");
   const auto document = prediction_json(prediction);
   EXPECT_EQ(document["schema"], "nadir.prediction/1");
-  for (const char* key : {"verdict", "beyond_alert_limit", "begin_m", "length_m", "from", "to", "probability", "hpl_m",
-                          "reason", "remedies"}) {
+  for (const char* key : {"verdict", "beyond_alert_limit", "begin_m", "length_m", "from", "to", "probability",
+                          "anchored_share", "hpl_m", "reason", "remedies"}) {
     EXPECT_TRUE(document["legs"][0].contains(key)) << key;
   }
 }

@@ -158,8 +158,8 @@ const makeMissionLayers = ({ missionMap, state }) => {
   // ---- Along the route
 
   const ofKind = (kind) => (prediction?.features ?? []).filter(({ properties }) => properties.kind === kind);
-  const legText = ({ verdict, beyond_alert_limit, begin_m, length_m, probability, hpl_m, reason, remedies }) =>
-    `${beyond_alert_limit ? "Beyond the alert limit" : verdict[0].toUpperCase() + verdict.slice(1)}, ${metres(length_m)} from ${metres(begin_m)}: ${percent(probability)} of the looks anchor, ${hpl_m === null ? "no protection level" : `protection level up to ${metres(hpl_m)}`}` +
+  const legText = ({ verdict, beyond_alert_limit, begin_m, length_m, anchored_share, hpl_m, reason, remedies }) =>
+    `${beyond_alert_limit ? "Beyond the alert limit" : verdict[0].toUpperCase() + verdict.slice(1)}, ${metres(length_m)} from ${metres(begin_m)}: ${percent(anchored_share)} of the looks anchor, ${hpl_m === null ? "no protection level" : `protection level up to ${metres(hpl_m)}`}` +
     (reason ? `. Why: ${reason}` : "") + (remedies?.length ? `. What helps: ${remedies.join("; ")}` : "");
   const pickLeg = (feature) => {
     picked.clearLayers();

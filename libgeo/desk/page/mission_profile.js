@@ -58,7 +58,7 @@ const makeMissionProfile = ({ map, renderer, nearestLook }) => {
     const { samples } = profile, i = Number(byId("profile-at").value), sample = samples[i], { x } = scales(), look = nearestLook(sample.at_m);
     for (const end of ["x1", "x2"]) byId("profile-cursor").setAttribute(end, x(sample.at_m));
     const parts = [`${metres(sample.at_m)} along the route`, sample.agl_m === null ? "" : `${heightText(sample.agl_m)} above ground`, sample.ground_m === null ? "ground not known" : `ground ${heightText(sample.ground_m)}`,
-      sample.width_m > 0 ? `camera sees ${metres(sample.width_m)} × ${metres(sample.length_m)}` : "", look ? `predicted protection level ${look.hpl_m === null ? "unknown" : metres(look.hpl_m)}, ${percent(look.probability)} of the looks anchor` : ""];
+      sample.width_m > 0 ? `camera sees ${metres(sample.width_m)} × ${metres(sample.length_m)}` : "", look ? `predicted protection level ${look.hpl_m === null ? "unknown" : metres(look.hpl_m)}, ${percent(look.anchored_share)} of the looks anchor` : ""];
     byId("profile-text").textContent = parts.filter(Boolean).join("; ");
     if (sample.width_m > 0) L.polygon(footprint(samples, i), { renderer, interactive: false, color: "#862e9c", weight: 2.5, fillOpacity: .1 }).addTo(cursor);
     if (look && look.hpl_m !== null) L.circle([sample.lat_deg, sample.lon_deg], { renderer, interactive: false, radius: look.hpl_m, color: "#b3140c", weight: 2, dashArray: "6 6", fill: false }).addTo(cursor);

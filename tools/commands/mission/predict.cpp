@@ -115,7 +115,7 @@ void print(std::ostream& out, const RoutePrediction& prediction, const std::opti
     if (leg.verdict == LegVerdict::good && !leg.beyond_alert_limit) continue;
     out << fmt::format("{}{}: {}\n  {:.0f} % of the looks anchor, {}: {}\n", name_of(leg.verdict),
                        leg.beyond_alert_limit ? ", beyond the alert limit" : "", where_text(prediction, leg, speed_mps),
-                       100 * leg.probability,
+                       100 * leg.anchored_share,
                        leg.hpl_m ? "protection level up to " + level_text(leg.hpl_m) : "no protection level",
                        leg.reason);
     for (const std::string& remedy : leg.remedies) out << "  helps: " << remedy << '\n';
