@@ -97,6 +97,9 @@ bool takes_global_position(const AutopilotIdentity& autopilot) {
 // PX4's sources: src/modules/ekf2/params_aux_global_position.yaml and params_external_vision.yaml. The gate is 5 sigmas
 // as that of ArduPilot; the height comes from the barometer, as a camera does not measure it; no delay is assumed, as
 // our position is propagated to the moment of its sending. EKF2_GPS_CTRL is the operator's, and only watched.
+// EKF2_SENS_EN (module.yaml, since the release of 1.18) switches sources off whatever their own parameters say.
+constexpr int kFirstSlotBit = 4;  // of EKF2_SENS_EN
+
 std::vector<AutopilotParameter> wanted_of_px4(const AutopilotIdentity& autopilot, int receiver) {
   std::vector<AutopilotParameter> wanted;
   if (takes_global_position(autopilot)) {
@@ -105,7 +108,8 @@ std::vector<AutopilotParameter> wanted_of_px4(const AutopilotIdentity& autopilot
               {.name = slot("CTRL"), .wanted = 1},
               {.name = slot("MODE"), .wanted = 0},
               {.name = slot("DELAY"), .wanted = 0},
-              {.name = slot("GATE"), .wanted = 5}};
+              {.name = slot("GATE"), .wanted = 5},
+              {.name = "EKF2_SENS_EN", .bits = 1U << (kFirstSlotBit + receiver - 1)}};
   } else {
     wanted = {{.name = "EKF2_EV_CTRL", .wanted = 1},
               {.name = "EKF2_EV_NOISE_MD", .wanted = 0},
@@ -163,9 +167,10 @@ std::optional<ReadParameter> set(AutopilotSession& session, const AutopilotIdent
 
 std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, const AutopilotIdentity& autopilot,
                                                 int receiver) {
-  std::vector<AutopilotParameter> parameters = wanted(autopilot, receiver);
-  for (AutopilotParameter& one : parameters) {
+  std::vector<AutopilotParameter> parameters;
+  for (AutopilotParameter one : wanted(autopilot, receiver)) {
     const auto answer = read(session, autopilot, one.name);
+    if (!answer && one.bits != 0) continue;
     if (!answer) {
       throw Error(
           {.what = "the autopilot does not report a parameter",
@@ -180,6 +185,8 @@ std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, const
     one.present = answer->value;
     one.type = answer->type;
     if (one.kept) one.wanted = one.present;
+    if (one.bits != 0) one.wanted = static_cast<std::uint32_t>(one.present) | one.bits;
+    parameters.push_back(std::move(one));
   }
   return parameters;
 }

@@ -31,13 +31,15 @@ struct AutopilotParameter {
   double wanted = 0;
   double present = 0;
   std::uint8_t type = 0;
-  bool kept = false;  // only watched later: wanted as it is
+  bool kept = false;       // only watched later: wanted as it is
+  std::uint32_t bits = 0;  // above 0: these bits set, the others as they are; firmware without the parameter needs none
 
   bool differs() const { return present != wanted; }
 };
 
 // receiver: 1 or 2: for ArduPilot the GPS receiver that GPS_INPUT feeds, for PX4 the slot of the auxiliary position.
-// Those that are only watched are wanted as they are. Throws Error for a parameter without an answer.
+// Those that are only watched are wanted as they are. Throws Error for a parameter without an answer; one of bits is
+// left out then.
 std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, const AutopilotIdentity& autopilot,
                                                 int receiver);
 

@@ -165,6 +165,7 @@ class AuxiliaryPosition(unittest.TestCase):
     def test_an_unknown_id_and_a_slot_that_is_off_are_ignored(self):
         self.assertEqual({"id"}, set(Flight(EKF2_AGP0_ID=7).fly(5).vehicle.log.verdicts))
         self.assertEqual({"off"}, set(Flight(EKF2_AGP0_CTRL=0).fly(5).vehicle.log.verdicts))
+        self.assertEqual({"off"}, set(Flight(EKF2_SENS_EN=8191 - 16).fly(5).vehicle.log.verdicts))
 
 
 class Odometry(unittest.TestCase):

@@ -210,9 +210,9 @@ class Provision(Provisioning):
 
 class Px4(Provisioning):
     """What differs with PX4."""
-    WRONG = {"EKF2_AGP0_CTRL": 0, "EKF2_AGP0_GATE": 3.0, "EKF2_GPS_CTRL": 5}
+    WRONG = {"EKF2_AGP0_CTRL": 0, "EKF2_AGP0_GATE": 3.0, "EKF2_GPS_CTRL": 5, "EKF2_SENS_EN": 8191 - 16 - 64}
     WANTED = {"EKF2_AGP0_ID": 1, "EKF2_AGP0_CTRL": 1, "EKF2_AGP0_MODE": 0, "EKF2_AGP0_DELAY": 0, "EKF2_AGP0_GATE": 5,
-              "EKF2_HGT_REF": 0, "EKF2_GPS_CTRL": 5}
+              "EKF2_SENS_EN": 8191 - 64, "EKF2_HGT_REF": 0, "EKF2_GPS_CTRL": 5}
 
     def start_px4(self, *more, version="1.18", parameters=None, disarmed=True):
         self.start("--px4", version, *more, parameters=self.WRONG if parameters is None else parameters, disarmed=disarmed)
@@ -240,8 +240,15 @@ class Px4(Provisioning):
         self.assertFalse(report["key_installed"] or report["restarted"], "all is as it should be")
         self.assertGreaterEqual(report["imu_rate_hz"], 30)
         events = self.events()
-        self.assertEqual({"EKF2_AGP0_ID": 1, "EKF2_AGP0_CTRL": 1, "EKF2_AGP0_GATE": 5, "EKF2_HGT_REF": 0}, self.now(events))
+        self.assertEqual({"EKF2_AGP0_ID": 1, "EKF2_AGP0_CTRL": 1, "EKF2_AGP0_GATE": 5, "EKF2_SENS_EN": 8191 - 64, "EKF2_HGT_REF": 0},
+                         self.now(events))
         self.assertEqual(["restart", "signing"], [line[0] for line in events if line[0] != "parameter"])
+
+    def test_a_development_version_without_a_mask_of_sensors_needs_none(self):
+        self.start_px4("--fault", "no-sensor-mask", parameters={"EKF2_GPS_CTRL": 5})
+        report = json.loads(self.good(*self.args("--json")).stdout)
+        expected = {name: value for name, value in self.WANTED.items() if name != "EKF2_SENS_EN"}
+        self.assertEqual(expected, {one["name"]: one["wanted"] for one in report["parameters"]})
 
     def test_before_1_18_external_vision_is_set_and_no_key(self):
         self.start_px4(version="1.17", parameters={"EKF2_EV_CTRL": 15})
@@ -261,7 +268,8 @@ class Px4(Provisioning):
             case.start_px4("--fault", fault)
             result = case.fails(2, *case.args(*case.all_of_it(), patience=8), mentions=(faults[fault], "expected", "found"))
             self.assertNotIn("not reverted", result.stderr)
-            before = {"EKF2_AGP0_ID": 0, "EKF2_AGP0_CTRL": 0, "EKF2_AGP0_GATE": 3, "EKF2_HGT_REF": 1}
+            before = {"EKF2_AGP0_ID": 0, "EKF2_AGP0_CTRL": 0, "EKF2_AGP0_GATE": 3, "EKF2_SENS_EN": self.WRONG["EKF2_SENS_EN"],
+                      "EKF2_HGT_REF": 1}
             after = case.now(case.events())
             self.assertEqual({name: before[name] for name in after}, after)
 

@@ -67,6 +67,9 @@ class ArduPlane:
                 *((waypoint, above_sea, 0, 0, *corner, altitude_m) for corner in [*corners[1:], corners[0]]),
                 (dialect.MAV_CMD_DO_JUMP, above_sea, 2, -1, 0, 0, 0)]
 
+    def sign(self, key):
+        """Its receiver is inside it."""
+
     def happen(self, event, flight):
         """With one receiver of its own, ArduPilot's second is the simulator's first: GPS_INPUT needs no port."""
         if event.action == "gps-denied":

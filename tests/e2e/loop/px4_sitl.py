@@ -21,6 +21,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "support"))
 from simulated_autopilot.px4_projection import MapProjection
 from simulated_autopilot.receiver import Receiver
 
+from .link_endpoint import signing_time
 from .ports import free_port
 from .sitl_track import CONST_POSITION, FIX_3D, GLITCHING, POSITION_KNOWN, Track
 
@@ -123,6 +124,12 @@ class World(threading.Thread):
                 if message.get_type() == "HIL_STATE_QUATERNION" and message.lat != 0:
                     self._pass_on(message, time.monotonic(), px4)
 
+    def sign(self, key):
+        """Its own receiver, too: a PX4 that signs takes no GPS from a link that does not."""
+        signing = self.mav.signing
+        signing.secret_key, signing.link_id, signing.sign_outgoing = key, 7, True
+        signing.timestamp = signing_time(ahead_s=90)
+
     def stop(self):
         self.stopped.set()
         self.join()
@@ -224,6 +231,9 @@ class Px4:
                 *((dialect.MAV_CMD_NAV_WAYPOINT, above_sea, 0, 0, *corner, altitude_m)
                   for corner in [*corners[1:], corners[0]]),
                 (dialect.MAV_CMD_DO_JUMP, dialect.MAV_FRAME_MISSION, 1, LAPS, 0, 0, 0)]
+
+    def sign(self, key):
+        self.world.sign(key)
 
     def happen(self, event, _flight):
         self.world.happen(event)

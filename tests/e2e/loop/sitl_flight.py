@@ -120,7 +120,9 @@ class SitlFlight(Flight):
         if command.end() != 0:
             raise SystemExit(f"provisioning failed:\n{command.tail()}")
         if self.setup.signed:
-            self.station.sign(bytes.fromhex(self.inputs.key.read_text(encoding="ascii").strip()))
+            key = bytes.fromhex(self.inputs.key.read_text(encoding="ascii").strip())
+            self.station.sign(key)
+            self.vehicle.sign(key)
         self.station.ask_for_all()  # it was restarted
 
     def _be_ready(self):

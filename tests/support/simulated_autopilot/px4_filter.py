@@ -264,6 +264,7 @@ class AuxiliaryPosition:
     SILENCE_S = 5.0
     HORIZONTAL = 1  # bit of EKF2_AGPn_CTRL
     AUTOMATIC = 0  # EKF2_AGPn_MODE
+    FIRST_BIT = 4  # of EKF2_SENS_EN
 
     def __init__(self, filter_, parameters, slot):
         self.filter, self.parameters, self.slot = filter_, parameters, slot
@@ -276,7 +277,8 @@ class AuxiliaryPosition:
     def receive(self, now_s, place, eph):
         """A word for the log."""
         self.last_push_s = now_s
-        if not self.parameter("CTRL") & self.HORIZONTAL:
+        enabled = self.parameters.get("EKF2_SENS_EN", -1) >> (self.FIRST_BIT + self.slot) & 1
+        if not enabled or not self.parameter("CTRL") & self.HORIZONTAL:
             self._stop()
             return "off"
         sigma = max(eph, self.parameter("NOISE"), 0.01)

@@ -25,7 +25,7 @@ SLOTS = 4
 
 def parameters(version):
     slots = {f"EKF2_AGP{i}_{name}": value for i in range(SLOTS) for name, value in SLOT.items()}
-    return {**PARAMETERS, **(slots if version >= AUXILIARY_FROM else {})}
+    return {**PARAMETERS, **({**slots, "EKF2_SENS_EN": 8191} if version >= AUXILIARY_FROM else {})}
 
 
 def to_wire(value):
@@ -38,10 +38,12 @@ def from_wire(field, kind):
 
 class Px4Protocol(Protocol):
     def __init__(self, vehicle, link, faults=()):
-        """faults beside those of Protocol: "estimator-silent"."""
+        """faults beside those of Protocol: "estimator-silent", "no-sensor-mask" (as before the release of 1.18)."""
         super().__init__(vehicle, link, faults)
         self.version = vehicle.options.px4_version
         self.parameters = parameters(self.version)
+        if "no-sensor-mask" in self.faults:
+            del self.parameters["EKF2_SENS_EN"]
 
     def set_text(self, name, text):
         """From the command line."""
