@@ -17,7 +17,7 @@ inline constexpr double kLeastFootprint_px = 10;     // of a probe, on a side; n
 inline constexpr std::size_t kTextureSamples = 200;  // places of the route that its typical texture is of; chosen
 inline constexpr double kLeastLookScore = 0.02;      // a correlation below it is none; its logarithm stays bounded
 // Ground whose probes correlate with itself by less shows nothing: of 123 looks at such ground none anchored;
-// [navigability], lakes of seeds 201 to 203.
+// [navigability], seeds 101 to 103 and lakes of 201 to 208.
 inline constexpr double kBareScore = 0.05;
 inline constexpr double kSmallFootprint_px = 200;      // a frame of fewer pixels of the map is called small; chosen
 inline constexpr double kLookOffset = -5.031;          // ln odds of an anchor; [navigability]
