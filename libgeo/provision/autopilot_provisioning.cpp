@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <ranges>
 
 #include "base/error.hpp"
@@ -185,7 +186,10 @@ std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, const
     one.present = answer->value;
     one.type = answer->type;
     if (one.kept) one.wanted = one.present;
-    if (one.bits != 0) one.wanted = static_cast<std::uint32_t>(one.present) | one.bits;
+    if (one.bits != 0) {
+      const bool is_mask = one.present >= 0 && one.present <= std::numeric_limits<std::int32_t>::max();
+      one.wanted = (is_mask ? static_cast<std::uint32_t>(one.present) : 0) | one.bits;
+    }
     parameters.push_back(std::move(one));
   }
   return parameters;
