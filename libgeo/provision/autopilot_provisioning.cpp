@@ -95,12 +95,12 @@ bool takes_global_position(const AutopilotIdentity& autopilot) {
   return autopilot.type == AutopilotType::px4 && autopilot.software >= kPx4GlobalPosition;
 }
 
+constexpr int kFirstSlotBit = 4;  // of EKF2_SENS_EN
+
 // PX4's sources: src/modules/ekf2/params_aux_global_position.yaml and params_external_vision.yaml. The gate is 5 sigmas
 // as that of ArduPilot; the height comes from the barometer, as a camera does not measure it; no delay is assumed, as
 // our position is propagated to the moment of its sending. EKF2_GPS_CTRL is the operator's, and only watched.
 // EKF2_SENS_EN (module.yaml, since the release of 1.18) switches sources off whatever their own parameters say.
-constexpr int kFirstSlotBit = 4;  // of EKF2_SENS_EN
-
 std::vector<AutopilotParameter> wanted_of_px4(const AutopilotIdentity& autopilot, int receiver) {
   std::vector<AutopilotParameter> wanted;
   if (takes_global_position(autopilot)) {
@@ -110,7 +110,7 @@ std::vector<AutopilotParameter> wanted_of_px4(const AutopilotIdentity& autopilot
               {.name = slot("MODE"), .wanted = 0},
               {.name = slot("DELAY"), .wanted = 0},
               {.name = slot("GATE"), .wanted = 5},
-              {.name = "EKF2_SENS_EN", .bits = 1U << (kFirstSlotBit + receiver - 1)}};
+              {.name = "EKF2_SENS_EN", .bits = 1 << (kFirstSlotBit + receiver - 1)}};
   } else {
     wanted = {{.name = "EKF2_EV_CTRL", .wanted = 1},
               {.name = "EKF2_EV_NOISE_MD", .wanted = 0},
@@ -166,6 +166,22 @@ std::optional<ReadParameter> set(AutopilotSession& session, const AutopilotIdent
 
 }  // namespace
 
+namespace {
+
+// What an autopilot reports may be any number. Nothing is set on top of one that is no mask: it would switch off the
+// rest.
+std::int32_t mask_of(const AutopilotParameter& one) {
+  using Mask = std::numeric_limits<std::int32_t>;
+  if (one.present >= Mask::min() && one.present <= Mask::max()) return static_cast<std::int32_t>(one.present);
+  throw Error({.what = "the autopilot reports no mask",
+               .where = one.name,
+               .expected = "an integer of 32 bits",
+               .found = fmt::format("{}", one.present),
+               .fix = "set it to its default with a ground station"});
+}
+
+}  // namespace
+
 std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, const AutopilotIdentity& autopilot,
                                                 int receiver) {
   std::vector<AutopilotParameter> parameters;
@@ -186,10 +202,7 @@ std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, const
     one.present = answer->value;
     one.type = answer->type;
     if (one.kept) one.wanted = one.present;
-    if (one.bits != 0) {
-      const bool is_mask = one.present >= 0 && one.present <= std::numeric_limits<std::int32_t>::max();
-      one.wanted = (is_mask ? static_cast<std::uint32_t>(one.present) : 0) | one.bits;
-    }
+    if (one.bits != 0) one.wanted = mask_of(one) | one.bits;
     parameters.push_back(std::move(one));
   }
   return parameters;

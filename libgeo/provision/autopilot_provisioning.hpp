@@ -31,8 +31,8 @@ struct AutopilotParameter {
   double wanted = 0;
   double present = 0;
   std::uint8_t type = 0;
-  bool kept = false;       // only watched later: wanted as it is
-  std::uint32_t bits = 0;  // above 0: these bits set, the others as they are; firmware without the parameter needs none
+  bool kept = false;      // only watched later: wanted as it is
+  std::int32_t bits = 0;  // above 0: these bits set, the others as they are; firmware without the parameter needs none
 
   bool differs() const { return present != wanted; }
 };
