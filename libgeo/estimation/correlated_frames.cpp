@@ -68,19 +68,27 @@ class SlowBrightness {
 // pixels are averaged, so that rounding takes nothing away.
 cv::Mat with_contrast(const cv::Mat& grey) {
   const SlowBrightness slow(grey);
-  cv::Mat ground(grey.size(), CV_32FC1);
+  cv::Mat ground(grey.size(), CV_32FC1), result(grey.size(), CV_8UC1);
+  double squares = 0;
   for (int row = 0; row < grey.rows; ++row) {
     const auto* from = grey.ptr<std::uint8_t>(row);
     auto* to = ground.ptr<float>(row);
     const double down = SlowBrightness::centred(row + 0.5, grey.rows);
     for (int column = 0; column < grey.cols; ++column) {
       to[column] = static_cast<float>(from[column] - slow.at(down, SlowBrightness::centred(column + 0.5, grey.cols)));
+      squares += static_cast<double>(to[column]) * static_cast<double>(to[column]);
     }
   }
-  cv::Scalar mean, deviation;
-  cv::meanStdDev(ground, mean, deviation);
-  cv::Mat result;
-  ground.convertTo(result, CV_8UC1, std::max(1.0, tuned::kContrast / std::max(1.0, deviation[0])), tuned::kMiddleGrey);
+  // By hand: OpenCV's conversion fuses products on some processors and not on others.
+  const double deviation = std::sqrt(squares / static_cast<double>(grey.total()));
+  const double gain = std::max(1.0, tuned::kContrast / std::max(1.0, deviation));
+  for (int row = 0; row < grey.rows; ++row) {
+    const auto* from = ground.ptr<float>(row);
+    auto* to = result.ptr<std::uint8_t>(row);
+    for (int column = 0; column < grey.cols; ++column) {
+      to[column] = cv::saturate_cast<std::uint8_t>(tuned::kMiddleGrey + gain * static_cast<double>(from[column]));
+    }
+  }
   return result;
 }
 
