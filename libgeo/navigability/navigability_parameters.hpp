@@ -26,14 +26,13 @@ inline constexpr double kLookPerLogFootprint = 1.613;  // … of the logarithm o
 
 // ---- legs
 
-inline constexpr double kGoodLook = 0.95,
-                        kPoorLook = 0.5;                   // share of flights: from here on good, below it poor; chosen
-inline constexpr double kFrameOverlap = 0.7;               // of neighbouring frames, where no spacing is given; chosen
-inline constexpr double kLeastSpacing_m = 5;               // … and at least so far apart; chosen
-inline constexpr double kShortLeg_m = 60;                  // a shorter section does not interrupt a leg; chosen
-inline constexpr std::array kHeightTrials{1.5, 2.0, 0.7};  // times the planned height, as remedies; chosen
-inline constexpr double kUsefulGain = 0.2;                 // in probability: a remedy is worth naming; chosen
-inline constexpr std::size_t kRemedySamples = 5;           // places of a leg where remedies are tried; chosen
+inline constexpr double kGoodLook = 0.95, kPoorLook = 0.5;  // of flights: from here on good, below it poor; chosen
+inline constexpr double kFrameOverlap = 0.7;                // of neighbouring frames, where no spacing is given; chosen
+inline constexpr double kLeastSpacing_m = 5;                // … and at least so far apart; chosen
+inline constexpr double kShortLeg_m = 60;                   // a shorter section does not interrupt a leg; chosen
+inline constexpr std::array kHeightTrials{1.5, 2.0, 0.7};   // times the planned height, as remedies; chosen
+inline constexpr double kUsefulGain = 0.2;                  // in probability: a remedy is worth naming; chosen
+inline constexpr std::size_t kRemedySamples = 5;            // places of a leg where remedies are tried; chosen
 
 // ---- protection level
 

@@ -218,7 +218,9 @@ std::vector<std::string> remedies_for(const PredictedLeg& leg, const std::vector
     return sum / static_cast<double>(tried.size());
   };
   const double now = mean([&](std::size_t i) { return looks[i].probability; });
-  const auto helps = [&](double probability) { return probability >= kGoodLook || probability >= now + kUsefulGain; };
+  const auto helps = [&](double probability) {
+    return (now < kGoodLook && probability >= kGoodLook) || probability >= now + kUsefulGain;
+  };
   for (const double factor : kHeightTrials) {
     const double probability =
         mean([&](std::size_t i) { return anchor_probability(probes.look(looks[i].place, looks[i].agl_m * factor)); });
