@@ -5,7 +5,7 @@ usage: navigability.py PROGRAMS [--seeds FIRST LAST] [--flights N] [--spacing-m 
 
 Each seed is a world with a package; over it, flights along random routes at random heights, replayed with the localizer, and predicted by
 `nadir mission predict`. A frame is compared with the predicted look that lies nearest, within half of the spacing; the protection level of its estimate
-with the predicted one, which nine flights of ten should stay below: how often it does, and how many of the frames beyond a limit were predicted so.
+with the predicted one, which nine flights of ten should stay below: how often it does, and how many of the frames beyond a limit were predicted so. Frames that are farther off than their level says are counted.
 --stretches: each world has a stretch of 400 to 800 m in its middle, and its routes lead across it: a lake, where nothing matches and nothing can be tracked, or land
 that has changed since the map, where odometry tracks and nothing matches. Seeds below a million fit (--fit prints coefficients for
 navigability_parameters.hpp), those from a million on judge. What a work folder holds already is not made again, so that a bench that was interrupted goes on.
@@ -123,14 +123,18 @@ def fly(programs, work, seed, flights, stretches, spacing_m):
         yield prediction, folder / "out" / "estimates.csv", folder / "flight" / "truth.csv"
 
 
+def distance_m(a, b):
+    """Of two positions (longitude, latitude)."""
+    return math.hypot((a[0] - b[0]) * math.cos(math.radians(a[1])) * 111320, (a[1] - b[1]) * 111200)
+
+
 def misleading_frames(estimates, truth):
     """(frames that are farther off than their level says, frames with a level, the farthest of them in metres)"""
     where = {row["frame"]: (float(row["lon_deg"]), float(row["lat_deg"])) for row in csv.DictReader(truth.open())}
     with_level = [row for row in csv.DictReader(estimates.open()) if row["frame"] in where and row["hpl_m"]]
     beyond_m = []
     for row in with_level:
-        lon, lat = where[row["frame"]]
-        off_m = math.hypot((float(row["lon_deg"]) - lon) * math.cos(math.radians(lat)) * 111320, (float(row["lat_deg"]) - lat) * 111200)
+        off_m = distance_m(where[row["frame"]], (float(row["lon_deg"]), float(row["lat_deg"])))
         if off_m > float(row["hpl_m"]):
             beyond_m.append(off_m)
     return len(beyond_m), len(with_level), max(beyond_m, default=0)
@@ -145,11 +149,9 @@ def frames_of(prediction, estimates, truth, spacing_m):
     for row in csv.DictReader(estimates.open()):
         if row["frame"] not in where:
             continue
-        lon, lat = where[row["frame"]]
-        metres = math.cos(math.radians(lat)) * 111320
 
-        def away(look, lon=lon, lat=lat, metres=metres):
-            return math.hypot((look["lon_deg"] - lon) * metres, (look["lat_deg"] - lat) * 111200)
+        def away(look, place=where[row["frame"]]):
+            return distance_m(place, (look["lon_deg"], look["lat_deg"]))
         look = min((look for look in looks if reached_m - BACK_M <= look["at_m"] <= reached_m + AHEAD_M), key=away)
         if away(look) <= spacing_m / 2 + 5:
             reached_m = look["at_m"]
@@ -211,13 +213,13 @@ def fit(flights):
     return weights
 
 
-def judge(name, flights):
+def judge(name, flights, by="anchored_share"):
     frames = [frame for flight in flights for frame in flight]
     if not frames:
         print(f"{name}: nothing to compare")
         return
-    predicted, anchored = [look["anchored_share"] for look, _, _ in frames], [float(hit) for _, hit, _ in frames]
-    per_flight = [(sum(look["anchored_share"] for look, _, _ in flight) / len(flight), sum(hit for _, hit, _ in flight) / len(flight))
+    predicted, anchored = [look[by] for look, _, _ in frames], [float(hit) for _, hit, _ in frames]
+    per_flight = [(sum(look[by] for look, _, _ in flight) / len(flight), sum(hit for _, hit, _ in flight) / len(flight))
                   for flight in flights if flight]
     print(f"{name}: {len(per_flight)} flights, {len(frames)} frames, {100 * sum(anchored) / len(anchored):.1f} % anchored")
     print(f"  Spearman of frames {spearman(predicted, anchored):.2f}" +
@@ -228,7 +230,7 @@ def judge(name, flights):
     # Over good ground an aircraft that is lost does not anchor either.
     knowing = [frame for flight in flights for before, frame in zip(flight, flight[1:]) if before[2] is not None and before[2] <= 100]
     for verdict, low, high in (("good", 0.95, 1.01), ("poor", -1, 0.5)):
-        part = [hit for look, hit, _ in knowing if low <= look["anchored_share"] < high]
+        part = [hit for look, hit, _ in knowing if low <= look[by] < high]
         if part:
             print(f"  called {verdict}, the frame before within 100 m: {len(part)} frames, {100 * sum(part) / len(part):.1f} % anchored")
     print("  reliability: predicted, anchored, frames")
@@ -312,6 +314,7 @@ def main():
         if args.seeds[1] >= 1_000_000:
             sys.exit("seeds from a million on judge: fit on others")
         print("kLookOffset, kLookPerRatio, kLookPerLogFootprint:", *(f"{weight:.3f}" for weight in fit(flights)))
+        judge("simulated, the map alone", flights, by="probability")
     for kind, counts in sorted(misled.items()):
         print(f"{kind or 'worlds as they are'}: {sum(c[0] for c in counts)} of {sum(c[1] for c in counts)} frames with a level were farther off than it says, "
               f"in {sum(c[0] > 0 for c in counts)} of {len(counts)} flights; the farthest {max((c[2] for c in counts), default=0):.0f} m")
