@@ -21,14 +21,15 @@ if [[ $preset == arm64 ]]; then # the libraries and their packages are those of 
   [[ ${1:-} != --check ]] || { echo "package: --check installs the packages here: not those for arm64" >&2; exit 2; }
   export DEB_HOST_ARCH=arm64 DPKG_ADMINDIR=$PWD/build-arm64-sysroot/var/lib/dpkg
 fi
-cmake --build "$build_folder" --target nadir_pages -- --quiet
+cmake --build "$build_folder" --target nadir_installed -- --quiet
 rm -rf "$packages"
 pack "$packages"
 python3 -B cmake/packaging/sbom.py "$build_folder" "$packages"
 (cd "$packages" && sha256sum -- *.deb *.spdx.json >SHA256SUMS && cat SHA256SUMS)
 [[ ${1:-} == --check ]] || exit 0
 
-again=$(mktemp -d)
+# Beside the first: CPack counts the sizes of folders, which file systems state differently, in Installed-Size.
+again=$(mktemp -d "$PWD/$build_folder/packages-again.XXXXXX")
 trap 'rm -rf -- "$again"' EXIT
 pack "$again"
 for package in "$packages"/*.deb; do
