@@ -134,6 +134,48 @@ class Page(unittest.TestCase):
         later.wait_for("document.querySelectorAll('#alarms li').length === 2")
         self.assertEqual([], browser.complaints())
 
+    def test_sounds_when_the_state_changes(self):
+        service = self.serve()
+        browser = self.browse(service.url)
+        browser.wait_for(IS.format("state", "normal"))
+        played = "document.getElementById('sound').dataset.played"
+        service.command("degraded")
+        browser.wait_for(IS.format("state", "degraded"))
+        self.assertIsNone(browser.evaluate(played), "it is silent until somebody wants it")
+        # What is given to the loudspeaker.
+        browser.evaluate("window.heard = []; const start = OscillatorNode.prototype.start; "
+                         "OscillatorNode.prototype.start = function (at) { heard.push(this.frequency.value); start.call(this, at); }")
+        self.press_sound(browser)
+        browser.wait_for("document.getElementById('sound').getAttribute('aria-pressed') === 'true'")
+        self.assertEqual([523, 784], browser.evaluate("heard"), "a sample")
+        for command, sound in (("relocalizing", "worse"), ("degraded", "better"),
+                               ("corrupt", "alarm"),  # of the same state
+                               ("no_fix", "alarm"),   # and not two things at once
+                               ("stall", "alarm"), ("go", "better")):  # the display is stale
+            with self.subTest(command):
+                self.silence(browser)
+                service.command(command)
+                browser.wait_for(f"{played} === '{sound}'")
+        self.silence(browser)
+        service.command("corrupt")
+        browser.wait_for(played + " === 'alarm'")
+        self.assertEqual([988, 740, 988, 740, 988], browser.evaluate("heard"))
+        self.silence(browser)
+        self.press_sound(browser)
+        service.command("degraded")
+        browser.wait_for(IS.format("state", "degraded"))
+        self.assertEqual([], browser.evaluate("heard"))
+        self.assertEqual([], browser.complaints())
+
+    def press_sound(self, browser):
+        """By the mouse: browsers give no sound to scripts alone."""
+        x, y = browser.evaluate("(() => { const { x, y, width, height } = document.getElementById('sound').getBoundingClientRect(); return [x + width / 2, y + height / 2]; })()")
+        browser.mouse(("click", x, y))
+
+    def silence(self, browser):
+        """Until the tones are over; what was heard is forgotten."""
+        browser.evaluate("new Promise((done) => setTimeout(done, 1200)).then(() => { window.heard = []; delete document.getElementById('sound').dataset.played; })")
+
     def test_fits_its_window(self):
         service = self.serve()
         for size, (width, _, _) in self.sizes.items():

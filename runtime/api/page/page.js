@@ -4,7 +4,7 @@
 const contactLimit = 6;  // s without contact to the service
 const viewLimit = 2.5;   // s, age of the latest view of the flight
 
-const map = makeLiveMap();
+const map = makeLiveMap(), sound = makeAlarmSound(byId("sound"));
 let last = null, lastStateAt = 0, lastContactAt = 0, boot = null;
 
 // Ages go on from the arrival of the latest state, whether or not another one comes.
@@ -14,6 +14,7 @@ const showContact = () => {
   showAges(last, since);
   const old = age > viewLimit;
   document.body.classList.toggle("stale", old);
+  sound.setStale(old);
   byId("lost").hidden = !old;
   if (!old) return;
   byId("lost").textContent = silence > contactLimit ? `No contact with the service for ${duration(silence)}` : `No update from the flight for ${duration(age)}`;
@@ -35,6 +36,7 @@ const refresh = async () => {
 const onMessage = (kind, data) => {
   if (kind === "log") {
     showEvent(data);
+    if (data.severity === "critical") sound.alarm();
     if (data.kind === "package") refresh().catch(() => {});
     return;
   }
@@ -43,6 +45,7 @@ const onMessage = (kind, data) => {
   last = data;
   lastStateAt = performance.now();
   showState(data);
+  sound.setState(data.state);
   map.setState(data);
   showContact();
 };
