@@ -84,6 +84,14 @@ class SimulateLoop(support.EndToEnd):
         self.assertEqual("nadird", rows[-1]["flown_by"])
         self.assertLess(float(rows[-1]["fix_error_m"]), 40)
         self.good("recorder", "verify", out / "record")
+        self.good("recorder", "export", out / "record", "--format", "csv", "--out", self.folder / "tables")
+        self.assertNotIn("finding:", (self.folder / "tables/events.csv").read_text(), "it shows no bad example")
+        # The recording is enough to fly it again.
+        made = re.search(r"^created: *(\S+)", (self.world() / "mission.yaml").read_text(), re.M)[1]
+        again = json.loads(self.good("replay", "--recorder", out / "record", "--package", out / "package", "--trust", out / "root.json",
+                                     "--at", made, "--out", self.folder / "again", "--json").stdout)["reproduced"]
+        self.assertGreater(again["compared"], 20)
+        self.assertEqual(again["compared"], again["same"], again)
 
     def test_a_denied_ardupilot_flies_and_leaves_nothing_without_out(self):
         world = self.world()

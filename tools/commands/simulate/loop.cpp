@@ -255,6 +255,7 @@ LoopFigures SimulateLoopCommand::fly(const LoopInputs& inputs, const fs::path& n
   const LonLat start = frame.lonlat_from_plane(aircraft.circuit().point(0));
   std::vector<std::string> words = nadird_call(nadird, inputs, autopilot.link_endpoint(), listen, folder, start);
   if (px4) words.push_back("--switch-gps");
+  if (out_) words.push_back("--keep-frames");  // so that the recording is all that a replay needs
   for (const std::string& url : ground_stations_) words.insert(words.end(), {"--ground-station", url});
   BackgroundProgram service(words, folder);
   wait_for_page(page, service);

@@ -22,6 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kKeptErrorLines = 12;
+constexpr const char* kExpires = "2035-01-01";
 
 // Corners as shares of the sector's box, east and north: turns of 20° to 110°, left and right.
 constexpr std::array<std::array<double, 2>, 6> kCircuit{
@@ -77,6 +78,7 @@ void write_loop_airframe(const fs::path& folder, const fs::path& camera, const f
   airframe.camera = read_camera_file(camera);
   airframe.capture_delay_s = kLoopCaptureDelay_s;
   airframe.sequence = 1;
+  airframe.expires = parse_utc(kExpires);
   write_airframe(folder, airframe, PrivateKey::read(key));
 }
 
@@ -105,7 +107,7 @@ LoopInputs make_loop_inputs(const fs::path& nadir, const std::optional<fs::path>
   maker.announce("making its signed map package");
   for (const char* name : {"root", "signer", "hangar"}) maker.make({"keys", "create", "--out", in_folder(name)});
   maker.make({"keys", "root", "--root-key", in_folder("root.key.pem"), "--package-signer", in_folder("signer.pub.pem"),
-              "--airframe-signer", in_folder("hangar.pub.pem"), "--expires", "2035-01-01", "--out",
+              "--airframe-signer", in_folder("hangar.pub.pem"), "--expires", kExpires, "--out",
               inputs.trust.string()});
   maker.make({"cache", "build", "--mission", in_world("mission.yaml"), "--imagery", in_world("map.tif"), "--dem",
               in_world("dem.tif"), "--key", in_folder("signer.key.pem"), "--out", inputs.package.string()});
