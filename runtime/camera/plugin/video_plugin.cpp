@@ -7,6 +7,7 @@
 #include <exception>
 #include <memory>
 #include <opencv2/core.hpp>
+#include <opencv2/core/utils/logger.hpp>
 #include <opencv2/videoio.hpp>
 #include <string>
 #include <string_view>
@@ -54,7 +55,15 @@ class LiveOptions {
   bool ours_;
 };
 
+// A camera that is missing is tried again for the whole flight, and OpenCV would write lines to the log for each try. Whoever
+// wants them sets OPENCV_LOG_LEVEL.
+void be_quiet() {
+  if (std::getenv("OPENCV_LOG_LEVEL") == nullptr)  // NOLINT(concurrency-mt-unsafe)
+    cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+}
+
 std::unique_ptr<Video> open_video(std::string_view source) {
+  be_quiet();
   auto video = std::make_unique<Video>();
   if (source.starts_with("rtsp:")) {
     const LiveOptions options;
