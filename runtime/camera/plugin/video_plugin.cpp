@@ -55,8 +55,8 @@ class LiveOptions {
   bool ours_;
 };
 
-// A camera that is missing is tried again for the whole flight, and OpenCV would write lines to the log for each try. Whoever
-// wants them sets OPENCV_LOG_LEVEL.
+// A camera that is missing is tried again for the whole flight, and OpenCV would write lines to the log for each try.
+// Whoever wants them sets OPENCV_LOG_LEVEL.
 void be_quiet() {
   if (std::getenv("OPENCV_LOG_LEVEL") == nullptr)  // NOLINT(concurrency-mt-unsafe)
     cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);

@@ -107,8 +107,7 @@ LoopInputs make_loop_inputs(const fs::path& nadir, const std::optional<fs::path>
   maker.announce("making its signed map package");
   for (const char* name : {"root", "signer", "hangar"}) maker.make({"keys", "create", "--out", in_folder(name)});
   maker.make({"keys", "root", "--root-key", in_folder("root.key.pem"), "--package-signer", in_folder("signer.pub.pem"),
-              "--airframe-signer", in_folder("hangar.pub.pem"), "--expires", kExpires, "--out",
-              inputs.trust.string()});
+              "--airframe-signer", in_folder("hangar.pub.pem"), "--expires", kExpires, "--out", inputs.trust.string()});
   maker.make({"cache", "build", "--mission", in_world("mission.yaml"), "--imagery", in_world("map.tif"), "--dem",
               in_world("dem.tif"), "--key", in_folder("signer.key.pem"), "--out", inputs.package.string()});
   maker.make({"cache", "index", inputs.package.string(), "--key", in_folder("signer.key.pem")});
