@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The pictures of docs/put-photos-on-the-map.md and docs/plan-a-mission.md, made in a real browser from the commands of these pages.
+"""The pictures of docs/put-photos-on-the-map.md, docs/plan-a-mission.md and docs/fly-a-mission.md, made in a real browser from the commands of these pages.
 
 usage: pictures.py PROJECT_ROOT FOLDER_OF_PROGRAMS [OUT [PAGE]…]     OUT: docs/images by default; all pages by default
 
@@ -82,12 +82,38 @@ def mission(folder, url, number):
     browser.close()
 
 
+def with_flight(page):
+    """The page's own flight, a minute long, while its camera is dark."""
+    prepare = re.search(r"^```sh test\n(.*?)^```", page.read_text(), re.M | re.S).group(1)
+    with tempfile.TemporaryDirectory(prefix="nadir-pictures.") as name:
+        found = {"cwd": name, "text": True, "env": {**os.environ, "PATH": f"{PROGRAMS.resolve()}:{os.environ['PATH']}"}}
+        subprocess.run(["bash", "-euo", "pipefail", "-c", prepare], check=True, **found)
+        flight = subprocess.Popen(["nadir", "simulate", "loop", "--world", "world", "--circumstance", "blackout", "--minutes", "1", "--port", "0"],
+                                  stderr=subprocess.PIPE, **found)
+        browser = Browser(WIDTH, HEIGHT)
+        for line in flight.stderr:
+            if address := re.search(r"nadird's page: (\S+)", line):
+                browser.open(address.group(1))
+            if "NO FRAMES" in line:
+                break
+        time.sleep(6)
+        browser.wait_for("document.body.dataset.state === 'degraded'")
+        keep(browser, "fly-blackout")
+        complaints = browser.complaints()
+        browser.close()
+        flight.communicate()
+        if complaints:
+            raise SystemExit(f"the page's console: {complaints}")
+
+
 def main():
     if not find_chromium():
         raise SystemExit("NOT RUN: no chromium")
     for page, take in PAGES.items():
         if not ONLY or page in ONLY:
             with_desk(ROOT / "docs" / page, take)
+    if not ONLY or "fly-a-mission.md" in ONLY:
+        with_flight(ROOT / "docs" / "fly-a-mission.md")
 
 
 PAGES = {"put-photos-on-the-map.md": photos, "plan-a-mission.md": mission}
