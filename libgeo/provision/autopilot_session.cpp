@@ -96,6 +96,8 @@ namespace {
 // Radios inject unsigned frames of their own into a signed link: one or two a second.
 constexpr std::uint64_t kUnsignedFrames = 50;
 
+constexpr int kKeyTries = 3;
+
 bool is_heartbeat(const ReceivedMessage& message) {
   const auto* heartbeat = std::get_if<Heartbeat>(&message.message);
   return heartbeat != nullptr && heartbeat->is_autopilot;
@@ -134,9 +136,15 @@ LinkState open_detected(AutopilotSession& session, const std::optional<SigningKe
 
 void install_key(AutopilotSession& session, MavlinkAddress autopilot, const SigningKey& key,
                  const std::filesystem::path& time_file) {
-  session.send(SigningSetup{autopilot, key.bytes(), signing_time_of(unix_us())});
-  session.open_signed(key, time_file);
-  if (session.request({}, is_heartbeat)) return;
+  // Nobody acknowledges SETUP_SIGNING, and an autopilot that has just been restarted may miss it.
+  for (int tries = kKeyTries;; session.open(), session.request({}, is_heartbeat)) {
+    session.send(SigningSetup{autopilot, key.bytes(), signing_time_of(unix_us())});
+    session.open_signed(key, time_file);
+    const bool last = --tries == 0;
+    const auto still_unsigned = [&] { return !last && session.counts().signatures.without >= kUnsignedFrames; };
+    if (session.request({}, is_heartbeat, still_unsigned)) return;
+    if (last) break;
+  }
   throw Error({.what = "the autopilot does not sign with the new key",
                .where = session.url(),
                .expected = "frames signed with the key of --signing-key",

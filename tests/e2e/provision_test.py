@@ -113,6 +113,12 @@ class Provision(Provisioning):
         self.assertEqual(["restart", "signing"], [line[0] for line in events if line[0] != "parameter"])
         self.assertNotIn(self.key.read_text().strip(), self.log.read_text())
 
+    def test_a_key_that_the_autopilot_missed_is_sent_again(self):
+        self.start("--fault", "signing-missed")
+        report = json.loads(self.good(*self.args(*self.all_of_it(), "--json")).stdout)
+        self.assertTrue(report["key_installed"])
+        self.assertEqual(["restart", "signing"], [line[0] for line in self.events() if line[0] != "parameter"])
+
     def check_signature(self, text):
         """openssl verifies; the encoding is DSSE's."""
         envelope = json.loads((self.out / "airframe.json.sig").read_text())

@@ -16,7 +16,8 @@ class Protocol:
 
     def __init__(self, vehicle, link, faults=()):
         """faults, for the tests of provisioning: "param-silent", "param-refuses", "param-refuses=NAME", "command-silent",
-        "no-version", "imu-slow" (5 Hz whatever is asked), "gps-input-deaf", "signing-deaf"."""
+        "no-version", "imu-slow" (5 Hz whatever is asked), "gps-input-deaf", "signing-deaf", "signing-missed"
+        (the first key alone)."""
         self.vehicle, self.link, self.faults = vehicle, link, set(faults)
         self.parameters = dict(PARAMETERS)
         self.received = {}
@@ -77,6 +78,9 @@ class Protocol:
             name.encode(), self.parameters[name], FLOAT, len(self.parameters), list(self.parameters).index(name)))
 
     def _setup_signing(self, message):
+        if "signing-missed" in self.faults:
+            self.faults.discard("signing-missed")
+            return
         if "signing-deaf" in self.faults or self.vehicle.armed:  # as ArduPilot: no key while it is armed
             return
         key = bytes(message.secret_key)
