@@ -83,6 +83,9 @@ packages_package=(
   lintian                    # Debian's own judge of packages
   mmdebstrap                 # a fresh Debian 12, in which --check installs them
 )
+packages_amd64=(             # whatever is built there: Debian has them for no other
+  libipsec-mb-dev            # SHA-256 of many blocks at once, in the lanes of the processor's vectors
+)
 packages_arm64=(
   g++-aarch64-linux-gnu      # the cross compiler, Debian's gcc 12 as well
   qemu-user                  # runs what it compiles; counts instructions (the static one takes no plug-ins)
@@ -114,6 +117,7 @@ need_packages() {
   local group missing=() package
   command -v dpkg-query >/dev/null || {
     echo "run: this is no Debian machine; see .ci/packages.sh for what is needed" >&2; return 0; }
+  [[ $(dpkg --print-architecture) != amd64 ]] || set -- "$@" amd64
   for group in "$@"; do
     local -n list="packages_$group"
     for package in "${list[@]}"; do

@@ -28,6 +28,13 @@ find_library(LIBCSV_LIBRARY csv REQUIRED)
 add_library(libcsv::csv UNKNOWN IMPORTED)
 set_target_properties(libcsv::csv PROPERTIES
   IMPORTED_LOCATION "${LIBCSV_LIBRARY}" INTERFACE_INCLUDE_DIRECTORIES "${LIBCSV_INCLUDE_DIR}")
+if(CMAKE_SYSTEM_PROCESSOR STREQUAL "x86_64")  # Debian has it for amd64 alone
+  find_path(IPSEC_MB_INCLUDE_DIR intel-ipsec-mb.h REQUIRED)
+  find_library(IPSEC_MB_LIBRARY IPSec_MB REQUIRED)
+  add_library(ipsec-mb::ipsec-mb UNKNOWN IMPORTED)
+  set_target_properties(ipsec-mb::ipsec-mb PROPERTIES
+    IMPORTED_LOCATION "${IPSEC_MB_LIBRARY}" INTERFACE_INCLUDE_DIRECTORIES "${IPSEC_MB_INCLUDE_DIR}")
+endif()
 find_path(LIBRSYNC_INCLUDE_DIR librsync.h REQUIRED)
 find_library(LIBRSYNC_LIBRARY rsync REQUIRED)
 add_library(librsync::librsync UNKNOWN IMPORTED)

@@ -1,10 +1,15 @@
 #include "base/fs_verity.hpp"
 
+#ifdef NADIR_WITH_IPSEC_MB
+#include <intel-ipsec-mb.h>
+#endif
+
 #include <algorithm>
 #include <array>
 #include <memory>
 #include <optional>
 
+#include "base/error.hpp"
 #include "base/ordered_work.hpp"
 
 namespace nadir {
@@ -14,6 +19,69 @@ constexpr std::size_t kPiece_bytes = 1 << 20;  // what a thread takes at once
 constexpr std::size_t kRead_bytes = 1 << 16;   // stays in the processor's cache until it is hashed
 
 std::size_t pieces_in(std::uint64_t bytes) { return (bytes + kPiece_bytes - 1) / kPiece_bytes; }
+
+#ifdef NADIR_WITH_IPSEC_MB
+
+// Blocks do not depend on each other, so as many are hashed at once as a vector of the processor has lanes: SHA-256 in
+// 16 lanes of AVX-512 is 6 times as fast as OpenSSL's in one, where the processor has no instructions for SHA.
+class BlockHasher {
+ public:
+  BlockHasher() : manager_(alloc_mb_mgr(0), &free_mb_mgr) {
+    IMB_ARCH found = IMB_ARCH_NONE;
+    if (manager_) init_mb_mgr_auto(manager_.get(), &found);
+    if (found == IMB_ARCH_NONE) manager_.reset();  // a processor without SSE 4.2
+  }
+
+  // Appends the digest of each. blocks: whole ones, one after the other.
+  void hash(ByteView blocks, std::vector<Sha256>& digests) {
+    const std::size_t before = digests.size(), count = blocks.size() / kVerityBlock_bytes;
+    digests.resize(before + count);
+    if (!manager_) {
+      for (std::size_t i = 0; i < count; ++i) digests[before + i] = sha256(block(blocks, i));
+      return;
+    }
+    std::size_t done = 0;
+    const auto take = [&done](const IMB_JOB* job) { done += job->status == IMB_STATUS_COMPLETED ? 1 : 0; };
+    for (std::size_t i = 0; i < count; ++i) {
+      IMB_JOB* job = IMB_GET_NEXT_JOB(manager_.get());
+      *job = {};
+      job->cipher_mode = IMB_CIPHER_NULL;
+      job->cipher_direction = IMB_DIR_ENCRYPT;
+      job->chain_order = IMB_ORDER_HASH_CIPHER;
+      job->hash_alg = IMB_AUTH_SHA_256;
+      job->src = block(blocks, i).data();
+      job->msg_len_to_hash_in_bytes = kVerityBlock_bytes;
+      job->auth_tag_output = digests[before + i].bytes.data();
+      job->auth_tag_output_len_in_bytes = digests[before + i].bytes.size();
+      for (job = IMB_SUBMIT_JOB(manager_.get()); job != nullptr; job = IMB_GET_COMPLETED_JOB(manager_.get())) take(job);
+    }
+    while (const IMB_JOB* job = IMB_FLUSH_JOB(manager_.get())) take(job);
+    if (done == count) return;
+    throw Error({.what = "the library for multi-buffer cryptography computes no SHA-256",
+                 .found = imb_get_strerror(imb_get_errno(manager_.get())),
+                 .fix = "check the installation of libipsec-mb1"});
+  }
+
+ private:
+  static ByteView block(ByteView blocks, std::size_t i) {
+    return blocks.subspan(i * kVerityBlock_bytes, kVerityBlock_bytes);
+  }
+
+  std::unique_ptr<IMB_MGR, decltype(&free_mb_mgr)> manager_;
+};
+
+#else
+
+class BlockHasher {
+ public:
+  void hash(ByteView blocks, std::vector<Sha256>& digests) {
+    for (std::size_t at = 0; at < blocks.size(); at += kVerityBlock_bytes) {
+      digests.push_back(sha256(blocks.subspan(at, kVerityBlock_bytes)));
+    }
+  }
+};
+
+#endif
 
 // Hashes pieces of a file. For one thread.
 class PieceHasher {
@@ -29,26 +97,19 @@ class PieceHasher {
       const std::span<std::uint8_t> bytes = std::span(buffer_).first(std::min<std::uint64_t>(kRead_bytes, end - at));
       if (!file_.read_at(at, bytes)) return std::nullopt;
       if (whole != nullptr) whole->update(bytes);
-      for (std::size_t block = 0; block < bytes.size(); block += kVerityBlock_bytes) {
-        digests.push_back(hash(bytes.subspan(block, std::min(kVerityBlock_bytes, bytes.size() - block))));
-      }
+      const std::size_t whole_blocks =
+          (bytes.size() + kVerityBlock_bytes - 1) / kVerityBlock_bytes * kVerityBlock_bytes;
+      std::fill(buffer_.begin() + static_cast<std::ptrdiff_t>(bytes.size()),
+                buffer_.begin() + static_cast<std::ptrdiff_t>(whole_blocks), std::uint8_t{0});
+      hasher_.hash(ByteView(buffer_).first(whole_blocks), digests);
     }
     return digests;
   }
 
  private:
-  Sha256 hash(ByteView block) {
-    stream_.update(block);
-    if (block.size() < kVerityBlock_bytes) {
-      static constexpr std::array<std::uint8_t, kVerityBlock_bytes> kZeros{};
-      stream_.update(ByteView(kZeros).first(kVerityBlock_bytes - block.size()));
-    }
-    return stream_.finish();
-  }
-
   const InputFile& file_;
   Bytes buffer_;
-  Sha256Stream stream_;
+  BlockHasher hasher_;
 };
 
 }  // namespace
