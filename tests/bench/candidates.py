@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """The candidate service under load: two flights over the same ground, sent by two ground stations at once, in both catalogues.
 From the first announcement until every tile is evaluated, every vote closed and every address promoted. Then the work of the
-judges alone, on PostGIS, by one, two and four of them.
+judges alone, on PostGIS, by one, two and four of them (--workers).
 
-usage: ./run bench candidates [--tiles N] [--keep DIR] [--only PART] [--against PROGRAM]
+usage: ./run bench candidates [--tiles N] [--keep DIR] [--only PART] [--workers N…] [--against PROGRAM]
 N: of both flights together (100 000). PART: file, server, workers. PROGRAM: nadir-candidates of another commit, side by side.
 """
 import argparse
@@ -122,7 +122,7 @@ def measure_server(name, program, made, folder, tiles):
         server.remove()
 
 
-def measure_workers(made, folder, tiles):
+def measure_workers(made, folder, tiles, counts):
     """Everything is sent, and nothing judged: then by one, two and four processes."""
     server = started_server()
     try:
@@ -139,7 +139,7 @@ def measure_workers(made, folder, tiles):
         server.psql("sent", "VACUUM ANALYZE")
         print("\n| workers | tiles/s | wall s | CPU s of the workers | of the server | their wait for the database | ms of a core for a tile |")
         print("|---|---|---|---|---|---|---|")
-        for workers in (1, 2, 4):
+        for workers in counts:
             name = f"by{workers}"
             server.psql("postgres", f"CREATE DATABASE {name} TEMPLATE sent")
             subprocess.run(["cp", "-al", folder / "sent", folder / name], check=True)
@@ -166,6 +166,7 @@ def main():
     parser.add_argument("--tiles", type=int, default=100_000)
     parser.add_argument("--keep", type=pathlib.Path, help="folder where the flights are made, and used again the next time")
     parser.add_argument("--only", choices=["file", "server", "workers"], help="one part")
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4], help="processes that judge at a time")
     parser.add_argument("--against", type=pathlib.Path, help="nadir-candidates of another commit, measured beside this one's")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="nadir-bench.", dir="/tmp") as scratch:
@@ -186,7 +187,7 @@ def main():
             if args.only in (None, "server"):
                 measure_server("PostGIS" + name, program, made, scratch / "server", args.tiles)
         if args.only in (None, "workers"):
-            measure_workers(made, scratch, args.tiles)
+            measure_workers(made, scratch, args.tiles, args.workers)
 
 
 main()

@@ -4,7 +4,7 @@ the largest shard's memory, and whether the merged package has the bytes of the 
 that docs/scale.md reckons with; and the same for matchability map and place index, where camera.yaml lies beside the
 mission.
 
-  tests/bench/scale.py [--size-km 4] [--shards 1 2 4 8] [--tries 2] [--object-storage]
+  tests/bench/scale.py [--size-km 4] [--shards 1 2 4 8] [--threads 2] [--tries 2] [--object-storage]
   tests/bench/scale.py --mission mission.yaml --imagery map.tif [-- --dem dem.tif --captured 2024-06-01 ...]
 
 Speed-up: wall seconds of one process with one thread, by those of the shards. Efficiency: its CPU seconds by those of all
@@ -55,12 +55,12 @@ class Bench:
         self.sign = ["--key", work / "signer.key.pem", "--quiet"]
         self.whole = work / "whole"
 
-    def one_process(self):
-        """The least wall and CPU seconds, and the memory, of a build with one thread."""
+    def one_process(self, out, threads=1):
+        """The least wall and CPU seconds, and the memory, of a build by one process."""
         taken = []
         for _ in range(self.options.tries):
-            shutil.rmtree(self.whole, ignore_errors=True)
-            taken.append(must([self.nadir, "cache", "build", *self.inputs, *self.sign, "--threads", 1, "--out", self.whole]))
+            shutil.rmtree(out, ignore_errors=True)
+            taken.append(must([self.nadir, "cache", "build", *self.inputs, *self.sign, "--threads", threads, "--out", out]))
         return min(t.wall_s for t in taken), min(t.cpu_s for t in taken), max(t.peak_mb for t in taken)
 
     def shards(self, count, cores):
@@ -157,6 +157,8 @@ def main():
     parser.add_argument("--nadir", type=pathlib.Path, default=BUILD / "nadir")
     parser.add_argument("--size-km", type=float, default=4, help="of the simulated world")
     parser.add_argument("--shards", type=int, nargs="+", default=[1, 2, 4, 8])
+    parser.add_argument("--threads", type=int, nargs="*", default=[2], help="of one process, besides")
+    parser.add_argument("--no-surveys", action="store_true", help="tiles alone, no matchability map and place index")
     parser.add_argument("--tries", type=int, default=2)
     parser.add_argument("--mission", type=pathlib.Path)
     parser.add_argument("--imagery", type=pathlib.Path, nargs="+")
@@ -174,13 +176,20 @@ def main():
             inputs = ["--mission", work / "world/mission.yaml", "--imagery", work / "world/map.tif", "--dem",
                       work / "world/dem.tif", "--at", AT]
         bench = Bench(options, work, inputs)
-        wall_s, cpu_s, peak_mb = bench.one_process()
+        wall_s, cpu_s, peak_mb = bench.one_process(bench.whole)
         area, tiles = square_km(bench.whole)
         print(f"{area:.1f} km² in {tiles} tiles of the finest zoom, {cores} cores, one thread a process\n")
         print("| processes at a time | shards | wall s | speed-up | CPU s | efficiency | peak MB | merge wall s, CPU s, MB | bytes |")
         print("|---|---|---|---|---|---|---|---|---|")
         print(f"| 1 | cache build | {wall_s:.1f} | 1 | {cpu_s:.1f} | 1 | {peak_mb:.0f} | | |", flush=True)
         wrong = 0
+        for threads in options.threads:
+            by = work / "threads"
+            taken = bench.one_process(by, threads)
+            identical = same(bench.whole, by)
+            wrong += not identical
+            print(f"| 1 | cache build, {threads} threads | {taken[0]:.1f} | {wall_s / taken[0]:.2f} | {taken[1]:.1f} | {cpu_s / taken[1]:.2f} | "
+                  f"{taken[2]:.0f} | | {'identical' if identical else 'DIFFERENT'} |", flush=True)
         for count in options.shards:
             used = min(count, cores)
             planned, best, merge, identical, handed_on = bench.shards(count, cores)
@@ -193,7 +202,7 @@ def main():
         print(f"\nper km²: {best[1] / area:.2f} CPU s to make tiles, {merge.cpu_s / area:.3f} to merge; {size / area / 1e6:.2f} MB "
               f"of package, {handed_on / area / 1e6:.2f} MB of shards; planning {planned.cpu_s:.1f} CPU s in all")
         camera = options.mission.parent / "camera.yaml" if options.mission else work / "world/camera.yaml"
-        if camera.exists():
+        if camera.exists() and not options.no_surveys:
             print(f"\n| {count} shards | alone: CPU s, MB | all shards: CPU s | peak MB of one | shards | taking them: CPU s, MB | bytes |")
             print("|---|---|---|---|---|---|---|")
             wrong += bench.surveys(count, camera)
