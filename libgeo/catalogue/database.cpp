@@ -248,6 +248,17 @@ bool CatalogueDatabase::has_views() {
       .has_value();
 }
 
+void CatalogueDatabase::copy_view(const char* view, GDALDataset& target) {
+  if (is_server()) execute("SET timezone = 'UTC'", "asking for times in UTC");
+  CPLErrorReset();
+  const OGRLayer* copy = target.CopyLayer(&layer(view), view);
+  if (copy != nullptr && CPLGetLastErrorType() < CE_Failure) return;
+  throw Error({.what = fmt::format("the catalogue's {} cannot be exported", view),
+               .where = location_.shown,
+               .found = CPLGetLastErrorMsg(),
+               .fix = "see whether its disk is full"});
+}
+
 // A user of a server who may write rows but not create views does without them.
 void CatalogueDatabase::add_views() {
   if (has_views()) return;

@@ -106,6 +106,7 @@ class CatalogueDatabase {
   void erase(const char* table, const char* column, std::int64_t value);
 
   bool has_views();
+  void copy_view(const char* view, GDALDataset& target);  // as a layer of that name. Throws Error
 
   // A session that is silent for so long within a transaction is ended by the server, and its locks with it: whoever
   // hangs blocks nobody for longer. A limit that the server, the role or PGOPTIONS sets takes precedence.

@@ -129,11 +129,11 @@ class Description {
 }  // namespace
 
 void reject_remote(const fs::path& path, const std::string& found) {
-  throw UsageError({.what = "remote imagery is not read unless it is pinned",
+  throw UsageError({.what = "remote rasters are not read unless they are pinned",
                     .where = printable_url(path.string()),
                     .expected = "files on this machine, or a list of pinned objects",
                     .found = printable_url(found),
-                    .fix = "pin it: nadir cache pin URL > sources.json, and --imagery sources.json"});
+                    .fix = "pin it: nadir cache pin URL > sources.json, and name sources.json in its place"});
 }
 
 void register_gdal_drivers() {
@@ -160,6 +160,18 @@ void register_gdal_drivers() {
 
 std::string readable_raster_formats() { return shown(kRasterFormats); }
 std::string readable_vector_formats() { return shown(kVectorFormats); }
+
+GDALDriver& vector_writer(const std::string& driver, const fs::path& out) {
+  register_gdal_drivers();
+  if (GDALDriver* found = GetGDALDriverManager()->GetDriverByName(driver.c_str())) return *found;
+  throw Error({.what = "this GDAL cannot write " + driver,
+               .where = out.string(),
+               .expected = "a GDAL with the driver " + driver + " (Parquet: built with Apache Arrow, or its plug-in)",
+               .found = std::string("GDAL ") + GDALVersionInfo("RELEASE_NAME") + " without it, as Debian 12 has it",
+               .fix =
+                   "export as gpkg, and convert on a machine with such a GDAL: ogr2ogr -f Parquet OUT.parquet IN.gpkg "
+                   "LAYER"});
+}
 
 void refuse_remote_raster(const fs::path& path) {
   const QuietGdal quiet;  // GDAL's XML parser writes to stderr

@@ -6,6 +6,8 @@
 #include <filesystem>
 #include <string>
 
+class GDALDriver;
+
 namespace nadir {
 
 // Registers GDAL's drivers, lets only those of the list open data sources, and closes GDAL's file systems that reach
@@ -15,6 +17,9 @@ void register_gdal_drivers();
 // The list, for messages: "GeoTIFF, JPEG 2000, …".
 std::string readable_raster_formats();
 std::string readable_vector_formats();
+
+// The driver that writes vectors in this format. Throws Error where this GDAL has none: "Parquet" needs Apache Arrow.
+GDALDriver& vector_writer(const std::string& driver, const std::filesystem::path& out);
 
 // Throws UsageError when the raster is remote, or when a VRT or an .aux.xml file that belongs to it names something
 // that is no file on this machine (a URL, a path of GDAL's virtual file systems), however deeply. Nothing is opened by

@@ -153,6 +153,46 @@ TEST_F(CatalogueCommands, ViewsShowSeriesSequenceAndWhatIsCurrent) {
   }
 }
 
+// Judge: GDAL reads from the copy what SQLite reads from the catalogue.
+TEST_F(CatalogueCommands, ExportedAsGeoPackageItHasTheSameRows) {
+  ASSERT_EQ(add(make(3, "old")), 0) << err_.str();
+  ASSERT_EQ(add(make(4, "new")), 0) << err_.str();
+  ASSERT_EQ(run({"export", file(), "--format", "gpkg", "--out", path("fleet.gpkg")}), 0) << err_.str();
+  for (const char* view : {"package_states", "finest_tiles", "source_states", "sector_states", "route_states",
+                           "corridor_states", "gap_states"}) {
+    const auto info = test::run_process({"ogrinfo", "-so", "-ro", path("fleet.gpkg"), view});
+    ASSERT_EQ(info.code, 0) << info.err;
+    EXPECT_NE(info.out.find("Feature Count: " + sql(std::string("SELECT count(*) FROM ") + view) + "\n"),
+              std::string::npos)
+        << info.out;
+    EXPECT_NE(info.out.find("ID[\"EPSG\",4326]"), std::string::npos) << info.out;
+  }
+  const auto values = test::run_process(
+      {"sqlite3", path("fleet.gpkg"), "SELECT series, sequence, current FROM package_states ORDER BY sequence"});
+  EXPECT_EQ(values.out, "village|3|0\nvillage|4|1\n");
+  EXPECT_EQ(run({"export", file(), "--format", "gpkg", "--out", path("fleet.gpkg")}), 2) << "it is there";
+  EXPECT_EQ(run({"export", path("none.sqlite"), "--format", "gpkg", "--out", path("none.gpkg")}), 2);
+  EXPECT_FALSE(fs::exists(path("none.gpkg")) || fs::exists(path("none.sqlite")));
+}
+
+// As GeoParquet where this GDAL can; else it says what is missing, and leaves nothing.
+TEST_F(CatalogueCommands, ExportedAsGeoParquetOrRefused) {
+  ASSERT_EQ(add(make(3, "package")), 0) << err_.str();
+  const bool can = test::run_shell("ogrinfo --formats | grep -q 'Parquet -vector'").code == 0;
+  EXPECT_EQ(run({"export", file(), "--format", "parquet", "--out", path("fleet")}), can ? 0 : 2);
+  EXPECT_EQ(fs::exists(path("fleet")), can);
+  if (can) {
+    const auto info = test::run_process({"ogrinfo", "-so", "-ro", "-al", path("fleet/source_states.parquet")});
+    EXPECT_NE(info.out.find("Feature Count: 1\n"), std::string::npos) << info.out << info.err;
+  } else {
+    EXPECT_NE(err_.str().find("built with Apache Arrow"), std::string::npos) << err_.str();
+    EXPECT_NE(err_.str().find("ogr2ogr -f Parquet"), std::string::npos) << err_.str();
+  }
+  for (const auto& entry : fs::directory_iterator(folder_.path())) {
+    EXPECT_EQ(entry.path().string().find("staging"), std::string::npos) << entry.path();
+  }
+}
+
 TEST_F(CatalogueCommands, SpatialiteRunsSpatialQueries) {
   ASSERT_EQ(add(make(3, "package")), 0) << err_.str();
   EXPECT_EQ(sql("PRAGMA integrity_check"), "ok");

@@ -116,6 +116,12 @@ class PostGis(EndToEnd):
                 args[1] = place
                 outputs.append(self.nadir(*args).stdout)
             self.assertEqual(*outputs)
+        for place, name in ((self.there, "server.gpkg"), (file, "file.gpkg")):
+            self.nadir("export", place, "--format", "gpkg", "--out", self.folder / name)
+        rows = [subprocess.run(["ogr2ogr", "-f", "CSV", "/vsistdout/", self.folder / name, "-sql", "SELECT series, sequence, provider, captured_at, tiles, "
+                                "ST_AsText(geom) FROM source_states ORDER BY 1, 2", "-dialect", "SQLite"], capture_output=True, text=True, check=True).stdout
+                for name in ("server.gpkg", "file.gpkg")]
+        self.assertEqual(*rows)
         stale = ["--mission", self.made / "mission.yaml", "--at", "2026-11-05", "--store"]
         self.assertEqual(self.nadir("gaps", self.there, *stale, code=1).stdout, self.nadir("gaps", file, *stale, code=1).stdout)
         self.assertNotEqual("0", self.psql("SELECT count(*) FROM nadir.gaps WHERE reason = 'stale imagery'"))

@@ -175,7 +175,7 @@ TEST_F(Mosaic, RemoteImageryIsRejected) {
       const RasterSource source(path);
       FAIL() << path;
     } catch (const UsageError& error) {
-      EXPECT_EQ(error.text().what, "remote imagery is not read unless it is pinned") << path;
+      EXPECT_EQ(error.text().what, "remote rasters are not read unless they are pinned") << path;
     }
   };
   expect_remote("/vsicurl/https://example.org/map.tif");

@@ -46,6 +46,7 @@ std::unique_ptr<Command> make_catalogue_add();
 std::unique_ptr<Command> make_catalogue_list();
 std::unique_ptr<Command> make_catalogue_gaps();
 std::unique_ptr<Command> make_catalogue_project();
+std::unique_ptr<Command> make_catalogue_export();
 std::unique_ptr<Command> make_catalogue_remove();
 std::unique_ptr<Command> make_provision_boresight();
 std::unique_ptr<Command> make_provision_camera();

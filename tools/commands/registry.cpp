@@ -42,6 +42,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
                           make_catalogue_list,
                           make_catalogue_gaps,
                           make_catalogue_project,
+                          make_catalogue_export,
                           make_catalogue_remove,
                           make_provision_boresight,
                           make_provision_camera,

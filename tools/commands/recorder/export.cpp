@@ -88,18 +88,8 @@ OGRFieldType field_type(CellType type) {
 class Exporter {
  public:
   Exporter(const std::string& driver_name, const std::filesystem::path& path) : path_(path) {
-    register_gdal_drivers();
-    GDALDriver* driver = GetGDALDriverManager()->GetDriverByName(driver_name.c_str());
-    if (driver == nullptr) {
-      throw Error(
-          {.what = "this GDAL cannot write " + driver_name,
-           .where = path,
-           .expected = "a GDAL with the driver " + driver_name + " (Parquet: built with Apache Arrow, or its plug-in)",
-           .found = std::string("GDAL ") + GDALVersionInfo("RELEASE_NAME") + " without it, as Debian 12 has it",
-           .fix = "export as csv or gpkg, and convert on a machine with such a GDAL"});
-    }
     one_layer_ = driver_name == "Parquet";
-    dataset_.reset(driver->Create(path.c_str(), 0, 0, 0, GDT_Unknown, nullptr));
+    dataset_.reset(vector_writer(driver_name, path).Create(path.c_str(), 0, 0, 0, GDT_Unknown, nullptr));
     if (!dataset_) fail();
     wgs84_.SetWellKnownGeogCS("WGS84");
     wgs84_.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
