@@ -172,6 +172,12 @@ GdalHandle open_object(const PinnedObject& object) {
                .fix = "convert it: gdal_translate -of COG"});
 }
 
+// A.TOC of CADRG and CIB, TOC.xml of ECRG: several maps of several scales, of which the frames are the pictures.
+bool is_table_of_contents(const std::filesystem::path& path) {
+  const std::string name = path.filename().string();
+  return EQUAL(name.c_str(), "A.TOC") || EQUAL(name.c_str(), "TOC.xml");
+}
+
 }  // namespace
 
 GdalHandle open_gdal_raster(const std::filesystem::path& path) {
@@ -192,7 +198,9 @@ GdalHandle open_gdal_raster(const std::filesystem::path& path) {
                  .where = path.string(),
                  .expected = "a complete raster file: " + readable_raster_formats(),
                  .found = QuietGdal::last_error(),
-                 .fix = "check the file with `gdalinfo`; download it again if it is truncated"});
+                 .fix = is_table_of_contents(path)
+                            ? "name the frames of one scale, or a mosaic of them: gdalbuildvrt map.vrt FRAME…"
+                            : "check the file with `gdalinfo`; download it again if it is truncated"});
   }
   list_files(path, *dataset, kMaxVrtDepth);
   return dataset;

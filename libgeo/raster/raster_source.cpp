@@ -260,7 +260,9 @@ double RasterSource::place_precision_m() const {
   };
   const std::string_view coordinates = text("NITF_ICORDS");
   if (coordinates.empty() || text("NITF_BLOCKA_FRFC_LOC_01").size() > 10) return 0;
-  if (dataset.GetMetadataItem("RPFHDR", "TRE") != nullptr) return 0;  // CADRG, CIB: the frame's place is exact
+  for (const char* exact : {"RPFHDR", "GEOLOB"}) {  // CADRG and CIB, ECRG: the frame's place is exact
+    if (dataset.GetMetadataItem(exact, "TRE") != nullptr) return 0;
+  }
   std::filesystem::path beside = path();
   beside += ".aux.xml";
   if (std::filesystem::exists(beside) && read_text_file(beside).find("<GeoTransform>") != std::string::npos) return 0;

@@ -297,23 +297,58 @@ class ImageryFormats(unittest.TestCase):
         self.assertIn("imagery.coarse_place", [f["code"] for f in result["findings"] if f["severity"] == "refuse"])
         self.assertEqual(0, self.build(coarse, ce90_m=20)[0])
 
-    def test_cadrg(self):
-        west, north, east, south = (math.degrees(corners()[0] / 6378137), mercator_latitude(corners()[1]), math.degrees(corners()[2] / 6378137),
-                                    mercator_latitude(corners()[3]))
-        frame = Frame(west, north, east, south)
-        cadrg = self.folder / "00000000.jn1"
-        cadrg.write_bytes(frame.nitf())
-        (self.folder / "frame.ppm").write_bytes(frame.ppm())
-        plain = self.translated("frame.tif", "-a_srs", "EPSG:4326", "-a_ullr", str(west), str(north), str(east), str(south), source=self.folder / "frame.ppm")
+    def frame_in_degrees(self, name, ppm, box):
+        return self.translated(name, "-a_srs", "EPSG:4326", "-a_ullr", *map(str, box), source=ppm)
+
+    def degrees(self):
+        west, north, east, south = corners()
+        return math.degrees(west / 6378137), mercator_latitude(north), math.degrees(east / 6378137), mercator_latitude(south)
+
+    def is_same_picture_whole_and_an_error_cut(self, frame, plain):
         expected = self.build(plain)
-        code, _, said, package = self.build(cadrg)
+        self.assertEqual(0, expected[0], expected[2])
+        code, _, said, package = self.build(frame)
         self.assertEqual(0, code, said)
         self.assertEqual(self.imagery_of(expected[3])["merkle_root"], self.imagery_of(package)["merkle_root"])
-        cut = self.folder / "cut.jn1"
-        cut.write_bytes(cadrg.read_bytes()[:cadrg.stat().st_size * 6 // 10])
+        cut = frame.with_stem("cut")
+        cut.write_bytes(frame.read_bytes()[:frame.stat().st_size * 6 // 10])
         code, _, said, _ = self.build(cut)
         self.assertEqual(2, code, said)
-        self.assertIn("cut.jn1", said)
+        self.assertIn(cut.name, said)
+
+    def test_cadrg_and_cib(self):
+        for name, grey in (("00000000.jn1", False), ("00000000.i42", True)):
+            with self.subTest(name):
+                frame = Frame(*self.degrees(), grey=grey)
+                file, ppm = self.folder / name, self.folder / "frame.ppm"
+                file.write_bytes(frame.nitf())
+                ppm.write_bytes(frame.ppm())
+                self.is_same_picture_whole_and_an_error_cut(file, self.frame_in_degrees(f"{name}.tif", ppm, self.degrees()))
+
+    # By GDAL, as MIL-PRF-32283 has it: NITF 2.1 with JPEG 2000, whose place in the ARC system is in GEOLOB, as pixels of the whole
+    # circle and the north-western corner; IGEOLO says the same to thousandths of a degree.
+    def test_ecrg(self):
+        side = ACROSS * 256
+        around = round(360 / ((self.degrees()[2] - self.degrees()[0]) / side)), round(360 / ((self.degrees()[1] - self.degrees()[3]) / side))
+        west, north = (round(value, 9) for value in self.degrees()[:2])
+        box = west, north, west + 360 / around[0] * side, north - 360 / around[1] * side
+        picture = self.folder / "map.ppm"
+        gdal("gdal_translate", "-q", "-of", "PNM", self.sets.map, picture)
+        plain = self.frame_in_degrees("ecrg.tif", picture, box)
+        options = ["-of", "NITF", "-co", "IC=C8", "-co", "ICORDS=D", "-co", "PROFILE=NPJE_NUMERICALLY_LOSSLESS", "-co", "J2KLRA=YES"]
+        place = f"{around[0]:09d}{around[1]:09d}{west:+015.9f}{north:+015.9f}"
+        self.is_same_picture_whole_and_an_error_cut(self.translated("0001ad01.jk1", *options, "-co", f"TRE=GEOLOB={place}", source=plain), plain)
+        # The same frame without it may be metres off.
+        code, result, said, _ = self.build(self.translated("coarse.jk1", *options, source=plain))
+        self.assertEqual(1, code, said)
+        self.assertIn("imagery.coarse_place", [finding["code"] for finding in result["findings"]])
+
+    def test_tables_of_contents_say_what_to_do(self):
+        toc = self.folder / "TOC.xml"
+        toc.write_text("<Table_of_Contents><file_header file_status='new'><file_name>TOC.xml</file_name></file_header></Table_of_Contents>")
+        code, _, said, _ = self.build(toc)
+        self.assertEqual(2, code)
+        self.assertIn("gdalbuildvrt", said)
 
     def test_terrain_as_hgt_dted_and_cog_is_the_same(self):
         side = 1201  # posts of a cell of one degree, from its north-western corner, row by row
