@@ -22,17 +22,19 @@ namespace fs = std::filesystem;
 constexpr const char* kPlanMade = "the plan was made";
 constexpr std::string_view kTileShards = "shard";  // their folders' name
 
+void mount_objects(std::span<const PinnedFile> files) {
+  for (const PinnedFile& file : files) {
+    if (file.object) mount_object(*file.object);
+  }
+}
+
 // A plan with what follows from it.
 struct OpenPlan {
   OpenPlan(const fs::path& folder, ShardPlan plan_in, int threads)
       : plan(std::move(plan_in)),
         range(plan_range(plan.mission, plan.inputs)),
         tiles(plan.mission, plan.inputs, range, with_threads(plan.tiles, threads)) {
-    for (const auto& files : plan.pins) {
-      for (const PinnedFile& file : files) {
-        if (file.object) mount_object(*file.object);
-      }
-    }
+    for (const auto& files : plan.pins) mount_objects(files);
     if (plan.shards.back().last == tiles.metatiles.size()) return;
     throw Error({.what = "this plan of a build does not fit its mission and imagery",
                  .where = (folder / kShardPlanFile).string(),
@@ -282,9 +284,10 @@ PackageReport merge_shards(const MergeRequest& request, Progress& progress) {
   package.key = request.key;
   package.roots = request.roots;
   package.now = request.now;
-  if (open.plan.dem) {
-    require_unchanged(open.plan.dem->files, kPlanMade);
-    package.dem = open.plan.dem->path;
+  for (const PinnedLayer& layer : open.plan.dem) {
+    require_unchanged(layer.files, kPlanMade);
+    mount_objects(layer.files);
+    package.dem.push_back(layer.path);
   }
   if (open.plan.vectors) {
     require_unchanged(open.plan.vectors->files, kPlanMade);

@@ -36,19 +36,19 @@ void check_zoom(const Mission& mission, const fs::path& path) {
                     .found = std::to_string(mission.zoom.max)});
 }
 
-void check_terrain_wanted(const Mission& mission, const fs::path& mission_file, const std::optional<fs::path>& dem) {
-  if (!mission.terrain.flat || !dem) return;
+void check_terrain_wanted(const Mission& mission, const fs::path& mission_file, std::span<const fs::path> dem) {
+  if (!mission.terrain.flat || dem.empty()) return;
   throw UsageError({.what = "the mission states flat terrain",
                     .where = mission_file.string() + " (terrain)",
                     .expected = "terrain: {mode: dem} when an elevation model is given",
-                    .found = "mode: flat and --dem " + dem->string(),
+                    .found = "mode: flat and --dem " + dem.front().string(),
                     .fix = "set mode: dem, or omit --dem"});
 }
 
 std::optional<TerrainRaster> prepare_terrain(const Mission& mission, const fs::path& mission_file,
-                                             const std::optional<fs::path>& dem, Findings& findings) {
+                                             std::span<const fs::path> dem, Findings& findings) {
   if (mission.terrain.flat) return std::nullopt;
-  if (!dem) {
+  if (dem.empty()) {
     findings.add({.code = "dem.gap",
                   .where = mission_file.string() + " (terrain)",
                   .expected = "an elevation model, because the mission has mode: dem",
@@ -56,7 +56,7 @@ std::optional<TerrainRaster> prepare_terrain(const Mission& mission, const fs::p
                   .fix = "pass --dem FILE, or set terrain: {mode: flat, height_m: …}"});
     return std::nullopt;
   }
-  TerrainRaster terrain = cut_terrain(*dem, mission);
+  TerrainRaster terrain = cut_terrain(dem, mission);
   findings.add(check_terrain(mission, terrain));
   return terrain;
 }
@@ -127,7 +127,7 @@ Findings check_plan(const Mission& mission, const std::vector<ImageryInput>& inp
 
 std::vector<Sha256> digests_of(std::span<const ImageryInput> inputs) {
   std::vector<Sha256> digests;
-  for (const ImageryInput& input : inputs) digests.push_back(digest_of(pin_imagery(input)));
+  for (const ImageryInput& input : inputs) digests.push_back(digest_of(pin_raster(input.path, input.stated_sha256)));
   return digests;
 }
 
@@ -135,7 +135,11 @@ std::vector<Sha256> digests_of(std::span<const ImageryInput> inputs) {
 // every file that the rasters are made of.
 std::string describe_build(const PackageRequest& request, const PreparedBuild& build) {
   std::string text = describe_tiles(request, build.mission_text, build.inputs, digests_of(build.inputs));
-  text += fmt::format("dem: {}\n", request.dem ? "sha256 " + digest_of(pin_raster(*request.dem)).hex() : "none");
+  std::vector<PinnedFile> heights;
+  for (PinnedLayer& layer : pin_rasters(request.dem)) {
+    std::move(layer.files.begin(), layer.files.end(), std::back_inserter(heights));
+  }
+  text += fmt::format("dem: {}\n", heights.empty() ? "none" : "sha256 " + digest_of(heights).hex());
   if (const auto& vectors = request.vectors) {
     const VectorOrigin origin = origin_of(*vectors);
     text += fmt::format("vectors: sha256 {}, attribution {}, licence {}\n", sha256_file(vectors->file).hex(),

@@ -31,9 +31,9 @@ struct PackageRequest {
   std::filesystem::path mission;
   std::vector<std::filesystem::path> imagery;  // tiles.mosaic orders them
   ImageryOverrides overrides;
-  std::vector<StretchRequest> stretches;     // none, one for all, or one for each
-  std::optional<std::filesystem::path> dem;  // with terrain mode dem, and only then
-  std::optional<VectorRequest> vectors;      // roads, water, woods and buildings, for people and for matchability
+  std::vector<StretchRequest> stretches;   // none, one for all, or one for each
+  std::vector<std::filesystem::path> dem;  // with terrain mode dem, and only then; the first lies on top
+  std::optional<VectorRequest> vectors;    // roads, water, woods and buildings, for people and for matchability
   TileSetOptions tiles;
   const PrivateKey* key = nullptr;  // null: unsigned
   RootChain roots;                  // newer roots of trust that travel with the package
@@ -98,11 +98,11 @@ void check_zoom(const Mission& mission, const std::filesystem::path& mission_fil
 
 // Throws UsageError when there is an elevation model although the mission states flat terrain.
 void check_terrain_wanted(const Mission& mission, const std::filesystem::path& mission_file,
-                          const std::optional<std::filesystem::path>& dem);
+                          std::span<const std::filesystem::path> dem);
 
 // The terrain, cut out and checked; adds its findings. None for flat terrain or without an elevation model.
 std::optional<TerrainRaster> prepare_terrain(const Mission& mission, const std::filesystem::path& mission_file,
-                                             const std::optional<std::filesystem::path>& dem, Findings& findings);
+                                             std::span<const std::filesystem::path> dem, Findings& findings);
 
 struct PackageParts {
   const Mission& mission;

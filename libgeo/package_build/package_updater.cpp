@@ -92,16 +92,16 @@ Findings check_succession(const Manifest& old, const Mission& mission, const fs:
 }
 
 // The terrain of the old package, compared with its signed digest; none when it has none. Adds artifact.hash.
-std::optional<fs::path> old_terrain(const fs::path& package, const Manifest& manifest, Findings& findings) {
+std::vector<fs::path> old_terrain(const fs::path& package, const Manifest& manifest, Findings& findings) {
   const Artifact* terrain = manifest.artifact(kRoleTerrain);
-  if (terrain == nullptr) return std::nullopt;
-  if (sha256_file(package / terrain->path) == terrain->sha256) return package / terrain->path;
+  if (terrain == nullptr) return {};
+  if (sha256_file(package / terrain->path) == terrain->sha256) return {package / terrain->path};
   findings.add({.code = "artifact.hash",
                 .where = fmt::format("{}: {}", package.string(), terrain->path),
                 .expected = terrain->sha256.hex(),
                 .found = "different bytes",
                 .fix = "get the package again from its source, or pass an elevation model with --dem"});
-  return std::nullopt;
+  return {};
 }
 
 // The vectors of the old package as they are, compared with their signed digest; none when it has none. Adds
@@ -239,8 +239,9 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   report.old_sequence = old.manifest->sequence;
   findings.add(check_succession(*old.manifest, mission, request.mission));
   findings.add(check_expiry(mission, at));
-  std::optional<fs::path> dem = request.dem;
-  if (!dem && !mission.terrain.flat) dem = old_terrain(request.old_package, *old.manifest, findings);
+  std::vector<fs::path> dem = request.dem;
+  pin_rasters(dem);  // throws when one is not what its list states
+  if (dem.empty() && !mission.terrain.flat) dem = old_terrain(request.old_package, *old.manifest, findings);
   if (findings.has_errors()) return report;
   const Artifact& imagery = *old.manifest->artifact(kRoleImagery);
   const TileSetOptions options = options_after(request, imagery, old.tiles);
@@ -248,7 +249,7 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   if (request.index) old_index = previous_place_table(request.old_package, *old.manifest);
   const std::vector<ImageryInput> rasters = open_imagery(request.imagery, request.overrides, request.stretches);
   for (const ImageryInput& raster : rasters) {
-    if (raster.stated_sha256) pin_imagery(raster);  // throws when it is another
+    if (raster.stated_sha256) pin_raster(raster.path, raster.stated_sha256);  // throws when it is another
   }
   findings.add(check_stated_places(rasters));
   findings.add(check_stated_licences(rasters));

@@ -17,7 +17,7 @@ struct UpdateRequest {
   std::vector<std::filesystem::path> imagery;  // none: another area or other dates, from the old tiles alone
   ImageryOverrides overrides;
   std::vector<StretchRequest> stretches;     // none, one for all, or one for each
-  std::optional<std::filesystem::path> dem;  // instead of the old package's terrain
+  std::vector<std::filesystem::path> dem;    // instead of the old package's terrain
   std::optional<VectorRequest> vectors;      // instead of the old package's vectors
   TileSetOptions tiles;                      // container and format are taken from the old package
   std::optional<TileSetKind> container;      // instead of the old package's

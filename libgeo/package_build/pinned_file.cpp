@@ -38,24 +38,31 @@ PinnedFile pin_file(const std::filesystem::path& path) {
   return {std::filesystem::absolute(path), state.bytes, state.modified_ns, sha256_file(path)};
 }
 
-std::vector<PinnedFile> pin_raster(const std::filesystem::path& raster) {
+std::vector<PinnedFile> pin_raster(const std::filesystem::path& raster, const std::optional<Sha256>& stated) {
   if (const PinnedObject* object = mounted_object(raster)) {
     const ObjectPin& pin = object->pin();
     return {{raster, pin.bytes, 0, pin.sha256, std::make_shared<const ObjectPin>(pin)}};
   }
   std::vector<PinnedFile> files;
   for (const std::filesystem::path& file : files_of_raster(raster)) files.push_back(pin_file(file));
-  return files;
-}
-
-std::vector<PinnedFile> pin_imagery(const ImageryInput& input) {
-  std::vector<PinnedFile> files = pin_raster(input.path);
-  if (!input.stated_sha256 || files.empty() || files.front().sha256 == *input.stated_sha256) return files;
-  throw UsageError({.what = "imagery is not the one that its list states",
-                    .where = input.path.string(),
-                    .expected = "sha256 " + input.stated_sha256->hex(),
+  if (!stated || files.empty() || files.front().sha256 == *stated) return files;
+  throw UsageError({.what = "a raster is not the one that its list states",
+                    .where = raster.string(),
+                    .expected = "sha256 " + stated->hex(),
                     .found = "sha256 " + files.front().sha256.hex(),
                     .fix = "restore the file; or state the new one's file:checksum, if it is wanted"});
+}
+
+std::vector<PinnedLayer> pin_rasters(std::span<const std::filesystem::path> named) {
+  std::vector<PinnedLayer> layers;
+  for (const std::filesystem::path& name : named) {
+    for (const StacAsset& asset : named_rasters(name)) {
+      const bool is_object = mounted_object(asset.href) != nullptr;
+      layers.push_back({is_object ? std::filesystem::path(asset.href) : std::filesystem::absolute(asset.href),
+                        pin_raster(asset.href, asset.sha256)});
+    }
+  }
+  return layers;
 }
 
 Sha256 digest_of(std::span<const PinnedFile> files) {

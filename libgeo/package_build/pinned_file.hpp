@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -29,13 +30,17 @@ struct PinnedFile {
 
 PinnedFile pin_file(const std::filesystem::path& path);  // reads all of it. Throws Error
 
-struct ImageryInput;
+// Every file that the raster is read from: itself, its masks and overviews, the sources of a VRT. Throws UsageError
+// when it is not the one that a list states.
+std::vector<PinnedFile> pin_raster(const std::filesystem::path& raster, const std::optional<Sha256>& stated = {});
 
-// Throws UsageError when the raster is not the one that its list states.
-std::vector<PinnedFile> pin_imagery(const ImageryInput& input);
+struct PinnedLayer {
+  std::filesystem::path path;
+  std::vector<PinnedFile> files;
+};
 
-// Every file that the raster is read from: itself, its masks and overviews, the sources of a VRT.
-std::vector<PinnedFile> pin_raster(const std::filesystem::path& raster);
+// The rasters that an option names (named_rasters()), one layer each.
+std::vector<PinnedLayer> pin_rasters(std::span<const std::filesystem::path> named);
 
 // One digest for a raster: over those of its files, in this order.
 Sha256 digest_of(std::span<const PinnedFile> files);

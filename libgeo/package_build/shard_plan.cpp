@@ -17,7 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-constexpr const char* kSchema = "nadir.shard-plan/1";
+constexpr const char* kSchema = "nadir.shard-plan/2";
 constexpr std::uint64_t kMaxPlanBytes = std::uint64_t{1} << 30;
 constexpr std::int64_t kMaxNumber = std::numeric_limits<std::int64_t>::max();
 
@@ -37,10 +37,7 @@ json json_of(const std::vector<PinnedFile>& files) {
   return result;
 }
 
-json json_of(const std::optional<PinnedLayer>& layer) {
-  if (!layer) return nullptr;
-  return {{"path", layer->path.string()}, {"files", json_of(layer->files)}};
-}
+json json_of(const PinnedLayer& layer) { return {{"path", layer.path.string()}, {"files", json_of(layer.files)}}; }
 
 json json_of(const ImageryInput& input, const std::vector<PinnedFile>& files) {
   json outline = json::array();
@@ -80,16 +77,7 @@ std::vector<PinnedFile> read_files(const JsonReader& in) {
   return files;
 }
 
-std::optional<PinnedLayer> read_layer(const JsonReader& in, const char* name) {
-  if (in.is_null(name)) {
-    in.value(name);
-    return std::nullopt;
-  }
-  const JsonReader layer = in.object(name);
-  PinnedLayer result{layer.text("path", {.least = 1, .most = 4096}), read_files(layer)};
-  layer.finish();
-  return result;
-}
+PinnedLayer read_layer(const JsonReader& in) { return {in.text("path", {.least = 1, .most = 4096}), read_files(in)}; }
 
 ImageryInput read_input(const JsonReader& in) {
   ImageryInput input;
@@ -160,11 +148,13 @@ std::string ShardPlan::description(int shard) const {
 }
 
 std::string shard_plan_json(const ShardPlan& plan) {
-  json imagery = json::array(), shards = json::array();
+  json imagery = json::array(), dem = json::array(), shards = json::array();
   for (std::size_t i = 0; i < plan.inputs.size(); ++i) imagery.push_back(json_of(plan.inputs[i], plan.pins[i]));
   for (const MetatileSpan& part : plan.shards) shards.push_back(part.last);
-  json vectors = json_of(plan.vectors);
+  for (const PinnedLayer& layer : plan.dem) dem.push_back(json_of(layer));
+  json vectors;
   if (plan.vectors) {
+    vectors = json_of(*plan.vectors);
     vectors["attribution"] = plan.vectors_origin.attribution;
     vectors["licence"] = plan.vectors_origin.licence;
   }
@@ -179,7 +169,7 @@ std::string shard_plan_json(const ShardPlan& plan) {
         {"quality", plan.tiles.encoding.quality},
         {"lossless", plan.tiles.encoding.lossless},
         {"feather_m", plan.tiles.mosaic.feather_m}}},
-      {"dem", json_of(plan.dem)},
+      {"dem", dem},
       {"vectors", vectors},
       {"at", plan.at ? json(to_rfc3339(*plan.at)) : json(nullptr)},
       {"shards", shards},
@@ -208,12 +198,17 @@ ShardPlan parse_shard_plan(std::string_view text, std::string_view mission_text,
     input.finish();
   }
   plan.tiles = read_options(in.object("tiles"));
-  plan.dem = read_layer(in, "dem");
+  const JsonReader dem = in.array("dem", {.least = 0, .most = 1'000'000});
+  for (std::size_t i = 0; i < dem.size(); ++i) {
+    const JsonReader layer = dem.object(i);
+    plan.dem.push_back(read_layer(layer));
+    layer.finish();
+  }
   if (in.is_null("vectors")) {
     in.value("vectors");
   } else {
     const JsonReader vectors = in.object("vectors");
-    plan.vectors = PinnedLayer{vectors.text("path", {.least = 1, .most = 4096}), read_files(vectors)};
+    plan.vectors = read_layer(vectors);
     plan.vectors_origin = {vectors.text("attribution", {.least = 1, .most = 65536}),
                            vectors.text("licence", {.least = 1, .most = 65536})};
     vectors.finish();
@@ -292,12 +287,12 @@ ShardPlanReport plan_shards(const PackageRequest& request, int shards, const fs:
   StagingDirectory staging(out);
   progress.begin("hashing the inputs", build.inputs.size(), "rasters");
   for (ImageryInput& input : build.inputs) {
-    plan.pins.push_back(pin_imagery(input));
+    plan.pins.push_back(pin_raster(input.path, input.stated_sha256));
     for (const PinnedFile& file : plan.pins.back()) report.imagery_bytes += file.bytes;
     if (mounted_object(input.path) == nullptr) input.path = fs::absolute(input.path);
     progress.advance();
   }
-  if (request.dem) plan.dem = PinnedLayer{fs::absolute(*request.dem), pin_raster(*request.dem)};
+  plan.dem = pin_rasters(request.dem);
   if (request.vectors) {
     plan.vectors = PinnedLayer{fs::absolute(request.vectors->file), {pin_file(request.vectors->file)}};
     plan.vectors_origin = origin_of(*request.vectors);

@@ -27,11 +27,6 @@ namespace nadir {
 inline constexpr const char* kShardPlanFile = "plan.json";
 inline constexpr const char* kShardPlanMission = "mission.yaml";
 
-struct PinnedLayer {
-  std::filesystem::path path;
-  std::vector<PinnedFile> files;
-};
-
 struct ShardPlan {
   std::string program;  // its version
   std::string mission_text;
@@ -39,7 +34,8 @@ struct ShardPlan {
   std::vector<ImageryInput> inputs;           // the topmost first
   std::vector<std::vector<PinnedFile>> pins;  // of each input
   TileSetOptions tiles;                       // threads: not part of the plan
-  std::optional<PinnedLayer> dem, vectors;
+  std::vector<PinnedLayer> dem;               // the topmost first
+  std::optional<PinnedLayer> vectors;
   VectorOrigin vectors_origin;
   std::optional<UtcTime> at;
   std::vector<MetatileSpan> shards;  // of metatiles_of(mission, plan_range(mission, inputs)), without gaps

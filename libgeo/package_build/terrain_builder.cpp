@@ -12,12 +12,17 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
 
 #include "base/error.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package/manifest.hpp"
 #include "raster/gdal_dataset.hpp"
+#include "raster/imagery_input.hpp"
+#include "raster/pinned_files.hpp"
 
 namespace nadir {
 namespace {
@@ -32,6 +37,11 @@ constexpr double kCoarsest_m = 20'000;
 struct Source {
   fs::path path;
   GdalHandle dataset;
+
+  // What went wrong with a pinned object, whatever GDAL made of it.
+  void require_sound() const {
+    if (const PinnedObject* object = mounted_object(path)) object->require_sound();
+  }
 
   [[noreturn]] void reject(std::string expected, std::string found, std::string fix) const {
     throw UsageError({.what = "this elevation model cannot be used",
@@ -111,7 +121,21 @@ std::optional<double> pixel_side_m(GDALDataset& dataset, LonLat place) {
 struct TerrainPlan {
   TerrainGrid grid;
   const char* resampling = "bilinear";
+
+  bool finer_than(const TerrainPlan& other) const {
+    return std::pair(grid.lat_step_deg, grid.lon_step_deg) <
+           std::pair(other.grid.lat_step_deg, other.grid.lon_step_deg);
+  }
 };
+
+// Posts of one are posts of the other, where both have some.
+bool same_posts(const TerrainGrid& a, const TerrainGrid& b) {
+  constexpr double kShare = 1e-3;  // of a step, over the whole grid
+  const auto whole = [](double steps) { return std::abs(steps - std::round(steps)) < kShare; };
+  return std::abs(a.lon_step_deg / b.lon_step_deg - 1) * a.columns < kShare &&
+         std::abs(a.lat_step_deg / b.lat_step_deg - 1) * a.rows < kShare &&
+         whole((a.west_deg - b.west_deg) / b.lon_step_deg) && whole((a.north_deg - b.north_deg) / b.lat_step_deg);
+}
 
 // Rounded outwards to whole steps from the origin, so that every package of a source has the same posts.
 void span(double low, double high, double origin, double step, double& first, int& count) {
@@ -192,7 +216,9 @@ GdalHandle warp(const Source& source, const TerrainPlan& plan) {
       GDALWarpAppOptionsNew(pointers.data(), nullptr), GDALWarpAppOptionsFree);
   std::array<GDALDatasetH, 1> inputs{GDALDataset::ToHandle(source.dataset.get())};
   int misused = 0;
+  CPLErrorReset();
   GdalHandle warped(GDALDataset::FromHandle(GDALWarp("", nullptr, 1, inputs.data(), options.get(), &misused)));
+  source.require_sound();
   if (!warped || CPLGetLastErrorType() >= CE_Failure) {
     throw Error({.what = "the elevation model cannot be read",
                  .where = source.path.string(),
@@ -239,15 +265,31 @@ void throw_if_out_of_space(const fs::path& path, std::uintmax_t needed) {
 
 }  // namespace
 
-TerrainRaster cut_terrain(const fs::path& dem, const Mission& mission) {
-  const Source source{dem, open_gdal_raster(dem)};
+TerrainRaster cut_terrain(std::span<const fs::path> dem, const Mission& mission) {
+  std::vector<Source> sources;
+  std::vector<TerrainPlan> plans;
+  for (const fs::path& named : dem) {
+    for (const StacAsset& asset : named_rasters(named)) {
+      sources.push_back({asset.href, open_gdal_raster(asset.href)});
+      const QuietGdal quiet;
+      check_source(sources.back());
+      plans.push_back(plan_grid(*sources.back().dataset, mission));
+    }
+  }
+  const auto finest = std::min_element(plans.begin(), plans.end(),
+                                       [](const TerrainPlan& a, const TerrainPlan& b) { return a.finer_than(b); });
+  const TerrainGrid grid = finest->grid;
+  check_size(sources[static_cast<std::size_t>(finest - plans.begin())], grid);
   const QuietGdal quiet;
-  check_source(source);
-  const TerrainPlan plan = plan_grid(*source.dataset, mission);
-  check_size(source, plan.grid);
-  CPLErrorReset();
-  const GdalHandle warped = warp(source, plan);
-  return {plan.grid, heights_of(source, *warped, plan.grid)};
+  std::vector<float> heights(grid.posts(), std::numeric_limits<float>::quiet_NaN());
+  for (std::size_t i = 0; i < sources.size(); ++i) {
+    const bool posts_move = !same_posts(plans[i].grid, grid) && std::string_view(plans[i].resampling) == "near";
+    const GdalHandle warped = warp(sources[i], {grid, posts_move ? "bilinear" : plans[i].resampling});
+    const std::vector<float> below = heights_of(sources[i], *warped, grid);
+    std::transform(heights.begin(), heights.end(), below.begin(), heights.begin(),
+                   [](float above, float height) { return std::isnan(above) ? height : above; });
+  }
+  return {grid, std::move(heights)};
 }
 
 void write_terrain(const TerrainRaster& terrain, const fs::path& path) {

@@ -153,11 +153,8 @@ Findings check_stated_resolution(std::span<const ImageryInput> inputs) {
   return findings;
 }
 
-namespace {
-
-// What --imagery names: a raster, or the rasters of a list.
-std::vector<StacAsset> assets_of(const std::filesystem::path& named) {
-  if (is_remote_name(named.string())) reject_remote(named, named.string());
+std::vector<StacAsset> named_rasters(const std::filesystem::path& named) {
+  if (is_remote_name(named.string()) && mounted_object(named) == nullptr) reject_remote(named, named.string());
   if (!is_stac_name(named.string())) return {StacAsset{StacItem::beside(named), {}, named.string()}};
   std::vector<StacAsset> assets = read_stac(named.string());
   for (const StacAsset& asset : assets) {
@@ -167,12 +164,10 @@ std::vector<StacAsset> assets_of(const std::filesystem::path& named) {
         {.what = "an object is not pinned",
          .where = fmt::format("{} in {}", asset.href, asset.item.where()),
          .expected = "file:size, file:checksum (SHA-256), nadir:block_bytes and nadir:block_sha256",
-         .fix = fmt::format("nadir cache pin {} > sources.json, and --imagery sources.json", named.string())});
+         .fix = fmt::format("nadir cache pin {} > sources.json, and name sources.json in its place", named.string())});
   }
   return assets;
 }
-
-}  // namespace
 
 std::vector<ImageryInput> open_imagery(std::span<const std::filesystem::path> paths, const ImageryOverrides& overrides,
                                        std::span<const StretchRequest> stretches) {
@@ -186,7 +181,7 @@ std::vector<ImageryInput> open_imagery(std::span<const std::filesystem::path> pa
   std::vector<ImageryInput> inputs;
   for (std::size_t i = 0; i < paths.size(); ++i) {
     const StretchRequest request = stretches.empty() ? StretchRequest{} : stretches[stretches.size() == 1 ? 0 : i];
-    for (const StacAsset& asset : assets_of(paths[i])) {
+    for (const StacAsset& asset : named_rasters(paths[i])) {
       const std::filesystem::path raster = asset.href;
       const std::optional<Stretch> stretch = resolve_stretch(raster, request);
       const RasterSource source(raster, stretch);

@@ -73,10 +73,13 @@ Findings check_stated_licences(std::span<const ImageryInput> inputs);
 std::vector<SourceLicence> stated_sources(std::span<const Sidecar> tiles, std::span<const ImageryInput> inputs,
                                           std::span<const SourceLicence> known = {});
 
-// In the given order; a path that is a list (stac.hpp) stands for its rasters, and its pinned objects are mounted.
-// stretches: none, one for all, or one for each path. Throws Error for a raster that does not open,
-// UsageError when a fact or a stretch is missing. The stretch is appended to the provider, which every tile names as
-// its source: "survey (112 to 9873)".
+// What an option names: a raster with the item beside it, or, for a list (stac.hpp), its rasters, whose pinned objects
+// are mounted. Throws UsageError for what is remote and not pinned.
+std::vector<StacAsset> named_rasters(const std::filesystem::path& named);
+
+// The rasters that the paths name, in their order. stretches: none, one for all, or one for each path. Throws Error for
+// a raster that does not open, UsageError when a fact or a stretch is missing. The stretch is appended to the provider,
+// which every tile names as its source: "survey (112 to 9873)".
 std::vector<ImageryInput> open_imagery(std::span<const std::filesystem::path> paths, const ImageryOverrides& overrides,
                                        std::span<const StretchRequest> stretches);
 

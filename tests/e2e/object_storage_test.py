@@ -210,7 +210,73 @@ class ObjectStorage(EndToEnd):
             updates.append(tree(self.folder / name))
         self.assertEqual(*updates)
 
+    def test_elevation_models(self):
+        cells = self.terrain_cells()
+        mission = self.mission("hilly.yaml")
+        mission.write_text(mission.read_text().replace("{mode: flat}", "{mode: dem}"))
+
+        def build(dem, out, *more):
+            self.good("cache", "build", "--mission", mission, "--imagery", self.folder / "map.tif", "--dem", *dem, *more, "--out", self.folder / out)
+            return tree(self.folder / out)
+        local = build(cells, "local")
+        for cell in cells:
+            self.store.put(f"dem/{cell.name}", cell.read_bytes())
+        pinned = self.pin(*(f"s3://{BUCKET}/dem/{cell.name}" for cell in cells), name="dem.json", facts=[])
+        self.gateway.bytes = 0
+        self.assertEqual(local, build([pinned], "remote"))
+        self.assertLess(self.gateway.bytes, sum(cell.stat().st_size for cell in cells), "a build reads what it needs")
+        self.assertEqual(local, build([self.pin(*cells, name="files.json", facts=[])], "listed"))
+        plan = self.folder / "plan"
+        self.good("cache", "plan-shards", "--mission", mission, "--imagery", self.folder / "map.tif", "--dem", pinned, "--shards", 2, "--out", plan)
+        pinned.unlink()  # the plan holds what is in it
+        for shard in (1, 2):
+            self.good("cache", "build", "--plan", plan, "--shard", f"{shard}/2")
+        self.good("cache", "merge", "--plan", plan, "--out", self.folder / "merged")
+        self.assertEqual(local, tree(self.folder / "merged"))
+
+    def test_elevation_models_that_are_others(self):
+        cells = self.terrain_cells()
+        mission = self.mission("hilly.yaml")
+        mission.write_text(mission.read_text().replace("{mode: flat}", "{mode: dem}"))
+
+        def fails(dem, *mentions):
+            self.fails(2, "cache", "build", "--mission", mission, "--imagery", self.folder / "map.tif", "--dem", dem, "--out", self.folder / "package",
+                       mentions=mentions, leaves_nothing=self.folder / "package")
+        url = f"s3://{BUCKET}/dem/{cells[0].name}"
+        self.store.put(f"dem/{cells[0].name}", cells[0].read_bytes())
+        fails(url, "not read unless", "nadir cache pin")
+        pinned = self.pin(url, name="dem.json", facts=[])
+        self.store.put(f"dem/{cells[0].name}", cells[1].read_bytes())
+        fails(pinned, "changed since it was pinned", url)
+        spoilt = bytearray(cells[0].read_bytes())
+        for at in range(100_000, len(spoilt), 50_000):  # whatever blocks are read, behind the header
+            spoilt[at] ^= 1
+        self.store.put(f"dem/{cells[0].name}", bytes(spoilt))
+        fails(pinned, "changed since it was pinned", url)
+        self.gateway.fault = lambda handler: handler.answer(503) or True
+        fails(pinned, url)
+        self.gateway.fault = None
+        listed = self.pin(*cells, name="files.json", facts=[])
+        cells[1].write_bytes(cells[1].read_bytes()[:-1] + b"?")
+        fails(listed, cells[1].name, "sha256")
+
     # --- STAC
+
+    def terrain_cells(self):
+        """Two cells of an elevation model, the seam in the middle of the map, with posts of one second for a third of a degree to each side."""
+        second, side = 1 / 3600, 1200
+        cells = []
+        for number in range(2):
+            raw, cell = self.folder / "cell.pgm", self.folder / f"cell-{number}.tif"
+            noise = os.urandom(2 * side)
+            raw.write_bytes(b"P5 %d %d 255\n" % (side, side) + b"".join(noise[y:y + side] for y in range(side)))
+            west = (WEST + EAST) / 2 + (number - 1) * side * second
+            north = NORTH + side / 2 * second
+            subprocess.run(["gdal_translate", "-q", "-ot", "Float32", "-co", "TILED=YES", "-co", "GEOTIFF_VERSION=1.1", "-a_srs", "EPSG:4326", "-a_ullr",
+                            *map(str, (west, north, west + side * second, north - side * second)), raw, cell], check=True)
+            raw.unlink()
+            cells.append(cell)
+        return cells
 
     def item(self, href, **asset):
         return {**STAC, "id": pathlib.PurePosixPath(href).stem,

@@ -440,7 +440,7 @@ TEST_F(BuildShards, APlanThatWasEditedIsRefused) {
     write_file_atomic(folder_ / "map.plan" / kShardPlanFile, document.dump());
     return error_of([&] { shard("map.plan", "1/2"); }).where;
   };
-  EXPECT_THAT(refused([](auto& plan) { plan["schema"] = "nadir.shard-plan/2"; }), HasSubstr("/schema"));
+  EXPECT_THAT(refused([](auto& plan) { plan["schema"] = "nadir.shard-plan/1"; }), HasSubstr("/schema"));
   EXPECT_THAT(refused([](auto& plan) { plan["shards"][1] = 1000; }), HasSubstr("plan.json"));
   EXPECT_THAT(refused([](auto& plan) { plan["shards"] = {5, 3}; }), HasSubstr("/shards/1"));
   EXPECT_THAT(refused([](auto& plan) { plan["tiles"]["quality"] = 0; }), HasSubstr("/tiles/quality"));

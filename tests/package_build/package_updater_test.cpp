@@ -232,7 +232,7 @@ class UpdateErrors : public PackageUpdate {
       return {(column + row) / 4, 0, 0, 0};
     });
     PackageRequest wanted = build_request("old", "old.yaml", {"old.tif"});
-    wanted.dem = folder_ / "dem.tif";
+    wanted.dem = {folder_ / "dem.tif"};
     NoProgress progress;
     ASSERT_FALSE(build_package(wanted, progress).findings.has_errors());
   }
@@ -367,7 +367,7 @@ TEST_F(UpdateErrors, ADamagedTerrainIsNotCopied) {
   std::ofstream(terrain, std::ios::binary).write(as_text(bytes).data(), static_cast<std::streamsize>(bytes.size()));
   expect_refused(request({"patch.tif"}), "artifact.hash");
   UpdateRequest fresh = request({"patch.tif"});
-  fresh.dem = folder_ / "dem.tif";
+  fresh.dem = {folder_ / "dem.tif"};
   EXPECT_FALSE(update(fresh).package.findings.has_errors());
 }
 

@@ -4,6 +4,7 @@
 #include <gdal_priv.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <memory>
@@ -104,7 +105,11 @@ route: {{corridor_half_width_m: 50, agl_m: 200, points: [[14.9960, 48.0], [15.00
   }
 
   Mission mission() const { return read_mission(folder_ / "mission.yaml"); }
-  TerrainRaster cut() { return cut_terrain(folder_ / "dem.tif", mission()); }
+  TerrainRaster cut(const std::vector<std::string>& names = {"dem.tif"}) {
+    std::vector<std::filesystem::path> paths;
+    for (const std::string& name : names) paths.push_back(folder_ / name);
+    return cut_terrain(paths, mission());
+  }
 
   void expect_usage_error(const std::string& word) {
     try {
@@ -131,7 +136,7 @@ route: {{corridor_half_width_m: 50, agl_m: 200, points: [[14.9960, 48.0], [15.00
     PackageRequest request;
     request.mission = folder_ / "mission.yaml";
     request.imagery = {folder_ / "map.tif"};
-    request.dem = folder_ / "dem.tif";
+    request.dem = {folder_ / "dem.tif"};
     request.key = &key_;
     request.out = folder_ / out;
     return request;
@@ -168,6 +173,42 @@ TEST_F(TerrainBuilder, FinerSourcesAreAveragedAndCoarserOnesStay) {
   write_dem(folder_ / "dem.tif", {.step = 30, .columns = 100, .rows = 87});
   EXPECT_NEAR(cut().grid().lat_step_deg * 111'320, 30, 0.3);
   expect_hills(cut(), 0.15);
+}
+
+// Two cells of a model side by side, as they are sold, make the terrain of the one raster that they were cut from.
+TEST_F(TerrainBuilder, CellsOfOneGridAreOneModel) {
+  const double second = 1.0 / 3600;
+  const auto rough = [](double lon, double lat) { return 300 + 40 * std::sin(lon * 900) * std::cos(lat * 700); };
+  DemSpec spec{.step = second, .epsg = 4326, .west = 14.98, .north = 48.02, .columns = 150, .rows = 150};
+  write_dem(folder_ / "dem.tif", spec, rough);
+  spec.columns = 70;
+  write_dem(folder_ / "west.tif", spec, rough);
+  spec.west += 70 * second, spec.columns = 80;
+  write_dem(folder_ / "east.tif", spec, rough);
+  const TerrainRaster whole = cut();
+  for (const auto& names : {std::vector<std::string>{"west.tif", "east.tif"}, {"east.tif", "west.tif"}}) {
+    const TerrainRaster cells = cut(names);
+    ASSERT_EQ(cells.grid().posts(), whole.grid().posts());
+    EXPECT_NEAR(cells.grid().west_deg, whole.grid().west_deg, 1e-9);
+    for (std::size_t i = 0; i < whole.heights_m().size(); ++i) ASSERT_EQ(cells.heights_m()[i], whole.heights_m()[i]);
+  }
+  const TerrainRaster half = cut({"west.tif"});
+  EXPECT_TRUE(std::any_of(half.heights_m().begin(), half.heights_m().end(), [](float h) { return std::isnan(h); }));
+}
+
+// A survey of the middle on top of a coarse model of everything: its posts and its heights where it has some.
+TEST_F(TerrainBuilder, TheFirstModelLiesOnTopAndTheFinestGivesTheGrid) {
+  write_dem(folder_ / "coarse.tif", {.step = 30, .columns = 120, .rows = 110}, [](double, double) { return 100; });
+  write_dem(folder_ / "fine.tif", {.step = 10, .west = 499'900, .north = 5'316'400, .columns = 20, .rows = 20},
+            [](double, double) { return 200; });
+  const LonLat middle{15.0, 48.0}, beside{14.9960, 48.0};
+  const TerrainRaster above = cut({"fine.tif", "coarse.tif"});
+  EXPECT_NEAR(above.grid().lat_step_deg * 111'320, 10, 0.1);
+  EXPECT_EQ(above.height_m(middle), 200);
+  EXPECT_EQ(above.height_m(beside), 100);
+  const TerrainRaster below = cut({"coarse.tif", "fine.tif"});
+  EXPECT_EQ(below.height_m(middle), 100);
+  EXPECT_EQ(below.grid().posts(), above.grid().posts());
 }
 
 // Steps that no other grid has: the posts of the source come over untouched.
@@ -289,7 +330,7 @@ TEST_F(TerrainBuilder, GapsMissingModelsAndFlatMissionsAreRejectedWithoutLeftove
   write_dem(folder_ / "dem.tif", {}, [](double east, double) { return east < 499'900 ? -32'768 : 500; });
   expect_refused(request("package"), "dem.implausible");
   PackageRequest without = request("package");
-  without.dem.reset();
+  without.dem.clear();
   expect_refused(without, "dem.gap");
   write_mission("flat");
   EXPECT_THROW(build_package(request("package"), progress), UsageError);

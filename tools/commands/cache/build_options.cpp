@@ -18,7 +18,8 @@ void BuildOptions::setup(Options& options) {
   options.values("--stretch", stretches_, "MIN,MAX",
                  "values of 16-bit or float imagery that become black and white, or percentile:LOW,HIGH; one for all, "
                  "or one for each --imagery (none for an 8-bit one)");
-  options.value("--dem", dem_, "FILE", "elevation model in metres that GDAL reads; for terrain: {mode: dem}");
+  options.values("--dem", dem_, "FILE",
+                 "elevation models in metres that GDAL reads, for terrain: {mode: dem}; the first lies on top");
   vectors_.setup(options, "without it the package has none");
   options.value("--format", format_, "FORMAT", "tile container").one_of({"mbtiles", "cog"});
   options.value("--tile-format", tile_format_, "FORMAT", "encoding of the tiles").one_of({"jpeg", "webp", "png"});

@@ -26,7 +26,7 @@ class BuildOptions {
   std::filesystem::path mission_;
   std::vector<std::filesystem::path> imagery_;
   std::vector<std::string> stretches_;
-  std::optional<std::filesystem::path> dem_;
+  std::vector<std::filesystem::path> dem_;
   std::string format_ = "mbtiles";
   std::string tile_format_ = "jpeg";
   int quality_ = 75;

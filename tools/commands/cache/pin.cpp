@@ -28,9 +28,7 @@ class CachePinCommand final : public Command {
  public:
   std::string_view group() const override { return "cache"; }
   std::string_view name() const override { return "pin"; }
-  std::string_view summary() const override {
-    return "pin imagery in object storage, so that builds may read it there";
-  }
+  std::string_view summary() const override { return "pin rasters in object storage, so that builds may read them"; }
   std::string_view details() const override;
   std::string_view examples() const override;
 
@@ -50,7 +48,8 @@ std::string_view CachePinCommand::details() const {
   return R"(Reads every object once and writes a STAC ItemCollection to standard output: the items, each with its
 imagery's size, SHA-256, and the digests of its blocks of 256 KiB. `cache build --imagery LIST.json`,
 and the commands that take --imagery as it does, then read of the objects what they need, and verify
-every block. The package is the one that copies of the files on this machine would give.
+every block. The package is the one that copies of the files on this machine would give. A list of
+elevation models goes to --dem in the same way; of these nothing needs to be stated.
 
 A SOURCE is the URL of a raster (s3://BUCKET/KEY, gs://, az://, https://, http://), a raster on this
 machine, or a STAC Item, ItemCollection, Collection or Catalog (.json, .geojson), here or there. What
@@ -65,7 +64,8 @@ Exit codes: 0 pinned; 2 an object cannot be read, is another than its item state
 std::string_view CachePinCommand::examples() const {
   return R"(nadir cache pin s3://imagery/alps/2026-05.tif --captured 2026-05-03 --gsd-m 0.3 --ce90-m 2 --provider survey --licence CC-BY-4.0 > sources.json
 nadir cache pin https://example.org/stac/collection.json --ce90-m 5 > sources.json
-nadir cache build --mission mission.yaml --imagery sources.json --key planner.key.pem --out package)";
+nadir cache pin s3://terrain/glo-30/N47E008.tif s3://terrain/glo-30/N47E009.tif > heights.json
+nadir cache build --mission mission.yaml --imagery sources.json --dem heights.json --key planner.key.pem --out package)";
 }
 
 void CachePinCommand::setup(Options& options) {

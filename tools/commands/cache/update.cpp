@@ -38,7 +38,7 @@ class CacheUpdateCommand final : public Command {
   std::filesystem::path mission_;
   std::vector<std::filesystem::path> imagery_;
   std::vector<std::string> stretches_;
-  std::optional<std::filesystem::path> dem_;
+  std::vector<std::filesystem::path> dem_;
   VectorOptions vectors_;
   int quality_ = 75;
   std::optional<std::string> format_;
@@ -80,7 +80,7 @@ void CacheUpdateCommand::setup(Options& options) {
   options.values("--imagery", imagery_, "FILE", "newer rasters that GDAL reads; none if only the mission changes");
   options.values("--stretch", stretches_, "MIN,MAX",
                  "values of 16-bit or float imagery that become black and white, as for `cache build`");
-  options.value("--dem", dem_, "FILE", "elevation model instead of the old package's terrain");
+  options.values("--dem", dem_, "FILE", "elevation models instead of the old package's terrain");
   vectors_.setup(options, "without it those of the old package stay as they are");
   options.value("--quality", quality_, "N", "quality of JPEG and WebP tiles that are re-encoded").between(1, 100);
   options.value("--format", format_, "FORMAT", "tile container, instead of the old package's")
