@@ -19,6 +19,8 @@ inline double normal_share_below(double z) {
     return 0.5 + density * sum;
   }
   const double x = std::abs(z);
+  // Where the tail, less than density / x, is 0, or is lost beside 1: the same bits without the fraction.
+  if (density == 0 || (z > 0 && density < 0x1p-54 * x)) return z < 0 ? 0 : 1;
   double below = x;
   for (int level = kLevels; level > 0; --level) below = x + level / below;
   const double tail = density / below;
