@@ -44,22 +44,6 @@ void add_white_acceleration(S::Covariance& noise, double sigma_mps, double dt) {
   }
 }
 
-// Errors of the accelerometer's change of velocity.
-struct InertialNoise {
-  double white_mps = 0;  // per root second
-  // A constant error of attitude tilts gravity into the plane: an acceleration that stays, for blind_s already since
-  // the velocity was last measured.
-  double leak_mps2 = 0;
-  double blind_s = 0;
-};
-
-// A constant acceleration has no state here. White noise that grows with time never underestimates it: after t seconds
-// the position's σ is at least t²/2 times the acceleration, the velocity's 1.2 times its integral.
-double white_sigma_mps(const InertialNoise& imu, double dt) {
-  const double growing = 3 * imu.leak_mps2 * imu.leak_mps2 * (imu.blind_s + dt / 2);
-  return std::sqrt(imu.white_mps * imu.white_mps + growing);
-}
-
 // The wind is the same all the time: over a turn of many frames its part of the velocity adds up, it does not average
 // out.
 double turn_spread_rad2(double turned, double turn) {
@@ -150,7 +134,7 @@ void propagate_by_velocity(FlightPrediction& prediction, const S::Vector& before
 
 // The change of velocity was rotated by the telemetry's heading, with its persistent errors.
 void propagate_by_imu(FlightPrediction& prediction, const S::Vector& before, double dt, bool turn_known,
-                      const Eigen::Vector2d& dv_mps, const InertialNoise& imu) {
+                      const Eigen::Vector2d& dv_mps, double white_sigma_mps) {
   auto& [now, transition, noise] = prediction;
   const double turn = turn_between(prediction, before, turn_known);
   const Eigen::Vector2d dv = clockwise(before[S::heading_bias] + before[S::deviation]) * dv_mps;
@@ -163,7 +147,7 @@ void propagate_by_imu(FlightPrediction& prediction, const S::Vector& before, dou
   }
   transition.block<2, 2>(S::east, S::velocity_east) += dt * Eigen::Matrix2d::Identity();
   if (dt <= 0) return;
-  add_white_acceleration(noise, white_sigma_mps(imu, dt), dt);
+  add_white_acceleration(noise, white_sigma_mps, dt);
   // An arc is longer than the mean of its two end velocities times the time: by a twelfth of the turn's square.
   const double arc_m = dt * now.segment<2>(S::velocity_east).norm() * turn * turn / 12;
   const double moment_m = std::max(kUnknownMomentShare * dv_mps.norm() * dt, arc_m);
@@ -190,8 +174,7 @@ FlightPrediction FlightProcessModel::predict(const S::Vector& mean, const S::Cov
 
   const bool turn_known = measured_heading_rad && measured_heading_rad_;
   if (imu_dv_mps && !first) {
-    const double leak_mps2 = kGravity_mps2 * model::kLevelShare * uncertainty_.tilt_rad;
-    propagate_by_imu(prediction, mean, dt, turn_known, *imu_dv_mps, {uncertainty_.imu_dv_mps, leak_mps2, blind_s_});
+    propagate_by_imu(prediction, mean, dt, turn_known, *imu_dv_mps, imu_dv_sigma_mps(uncertainty_, blind_s_, dt));
   } else {
     propagate_by_velocity(prediction, mean, dt, turn_known, blind_turn_rad_, options_);
     forget_course(prediction, mean, dt, turn_known, mean_square_speed_m2ps2(mean, covariance, options_));
@@ -285,6 +268,12 @@ double FlightProcessModel::predict_deviation(FlightPrediction& prediction, doubl
   noise(S::deviation, S::deviation) = noise(S::deviation_quadrature, S::deviation_quadrature) =
       deviation_process.variance;
   return deviation_process.variance;
+}
+
+double imu_dv_sigma_mps(const TelemetryUncertainty& uncertainty, double blind_s, double dt) {
+  const double leak_mps2 = kGravity_mps2 * model::kLevelShare * uncertainty.tilt_rad;
+  const double growing = 3 * leak_mps2 * leak_mps2 * (blind_s + dt / 2);
+  return std::sqrt(uncertainty.imu_dv_mps * uncertainty.imu_dv_mps + growing);
 }
 
 double blind_certainty_m2(const S::Covariance& before, const S::Covariance& after) {

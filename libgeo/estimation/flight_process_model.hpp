@@ -113,6 +113,12 @@ class FlightProcessModel {
   double usual_seconds_ = 1;                         // between frames
 };
 
+// Error of an accelerometer's change of velocity over an interval dt, as white acceleration per root second; blind_s:
+// since the velocity was last measured. A constant error of attitude tilts gravity into the plane: an acceleration that
+// stays, and that has no state here. White noise that grows with time never underestimates it: after t seconds the
+// position's σ is at least t²/2 times the acceleration, the velocity's 1.2 times its integral.
+double imu_dv_sigma_mps(const TelemetryUncertainty& uncertainty, double blind_s, double dt);
+
 // Closing a loop cancels the effect of a wrong heading, and so does the algebra. But the loop is predicted, not
 // observed: flying alone must never make the position more certain in any direction. By so much it would, as a
 // variance; 0: not.

@@ -12,6 +12,7 @@
 #include "base/ordered_work.hpp"
 #include "base/random.hpp"
 #include "estimation/belief.hpp"
+#include "estimation/flight_process_model.hpp"
 #include "estimation/look_likelihood.hpp"
 #include "estimation/map_look.hpp"
 #include "navigability/navigability_parameters.hpp"
@@ -24,6 +25,7 @@ namespace {
 namespace look = parameters::anchor_measurement;
 namespace odometry = parameters::visual_odometry;
 namespace search_window = parameters::search_window;
+namespace tracking = parameters::tracking;
 
 double squared(double x) { return x * x; }
 double logit(double p) { return std::log(p / (1 - p)); }
@@ -45,10 +47,9 @@ class AxisFilter {
 
   void propagate(const ForecastFrame& frame, bool tracked, Random& random) {
     const double dt = frame.seconds, way_m = frame.way_m;
-    const double leak_mps2 =
-        parameters::flight_filter::kGravity_mps2 * parameters::telemetry::kLevelShare * uncertainty_.tilt_rad;
-    const double change = squared(uncertainty_.imu_dv_mps) * dt + squared(leak_mps2 * dt) +
+    const double change = squared(imu_dv_sigma_mps(uncertainty_, blind_s_, dt)) * dt +
                           squared(uncertainty_.heading_rad * frame.turn_rad) * squared(way_m / dt);
+    blind_s_ = tracked ? 0 : blind_s_ + dt;
     const double noise_m2 = squared(odometry::kModelErrorShare * way_m) +
                             squared(odometry::kTurnErrorShare * frame.turn_rad * way_m) +
                             squared(parameters::two_view_motion::kPixelHeightShare * frame.agl_m);
@@ -85,11 +86,13 @@ class AxisFilter {
     const Eigen::RowVector2d innovation = measured_m.transpose() - error_.row(0);
     error_ += gain * innovation;
     covariance_ -= (gain * covariance_.row(0)).eval();
+    blind_s_ = 0;
     return gain[0] * innovation.transpose();
   }
 
   Eigen::Vector2d error_m() const { return error_.row(0).transpose(); }
   double variance_m2() const { return covariance_(0, 0); }
+  double velocity_sigma_mps() const { return std::sqrt(covariance_(1, 1)); }
   Eigen::Matrix2d position_covariance_m2() const { return variance_m2() * Eigen::Matrix2d::Identity(); }
 
  private:
@@ -99,6 +102,7 @@ class AxisFilter {
   }
 
   TelemetryUncertainty uncertainty_;
+  double blind_s_ = 0;  // since the velocity was last measured
   Eigen::Matrix3d covariance_ = Eigen::Matrix3d::Zero();
   Error error_ = Error::Zero();
 };
@@ -123,10 +127,14 @@ class DrawnFlight {
     bool anchored;
   };
   Moment fly(const ForecastFrame& frame) {
-    bool tracked = false;
+    broken_ = false;
     if (frame.way_m > 0) {
-      tracked = random_.chance(tracked_probability(frame));
+      const bool tracked = random_.chance(tracked_probability(frame));
       filter_.propagate(frame, tracked, random_);
+      // As TrackingState has it.
+      const double reach_m = frame.way_m + tracking::kOverlapSpeedSigmas * filter_.velocity_sigma_mps() * frame.seconds;
+      broken_ = linked_ && !tracked && reach_m < tracking::kOverlapReachShare * frame.footprint_m;
+      linked_ = tracked;
       belief_.propagate(frame.seconds);
       unbroken_ = unbroken_ && tracked;
       since_anchor_m_ += frame.way_m;
@@ -192,7 +200,7 @@ class DrawnFlight {
     const auto drawn = draw(frame, window);
     const double new_ground = first_ ? 1 : std::min(1.0, frame.way_m / frame.footprint_m);
     first_ = false;
-    Look seen{window, std::nullopt, new_ground, true};
+    Look seen{window, std::nullopt, new_ground, !broken_};
     if (drawn) seen.candidate = drawn->candidate;
     const Eigen::Matrix2d before_m2 = filter_.position_covariance_m2();
     const LookResult result = belief_.update(seen, {track, before_m2, unbroken_});
@@ -224,6 +232,7 @@ class DrawnFlight {
   double since_anchor_m_ = 0;
   int failures_ = 0;
   bool first_ = true, anchored_ = false, unbroken_ = true, lost_ = false;
+  bool linked_ = true, broken_ = false;  // this frame to the last one
 };
 
 // In place. Infinite where too many are.
