@@ -19,27 +19,45 @@ using namespace parameters::search_window;
 
 constexpr std::array kKinds = {
     FaultKind{"no fault", "none", FlightFault::none},
+    FaultKind{"no fault, in flight", "none_in_flight", FlightFault::none, Onset::in_flight},
     FaultKind{"no fault, maps of unchecked registration", "unchecked_pairs", FlightFault::unchecked_pairs},
+    FaultKind{"no fault, maps of unchecked registration, in flight", "unchecked_pairs_in_flight",
+              FlightFault::unchecked_pairs, Onset::in_flight},
     FaultKind{"start 150 to 500 m off", "start_500", FlightFault::start_500},
     FaultKind{"start 500 to 2000 m off", "start_2000", FlightFault::start_2000},
     FaultKind{"map does not show the place", "other_map", FlightFault::other_map},
+    FaultKind{"map does not show the place, in flight", "other_map_in_flight", FlightFault::other_map,
+              Onset::in_flight},
     FaultKind{"start 150 to 500 m off, and such a map", "start_and_map", FlightFault::start_and_map},
     FaultKind{"half of the map has changed", "half_changed", FlightFault::half_changed},
+    FaultKind{"half of the map has changed, in flight", "half_changed_in_flight", FlightFault::half_changed,
+              Onset::in_flight},
     FaultKind{"clouds", "clouds", FlightFault::clouds},
+    FaultKind{"clouds, in flight", "clouds_in_flight", FlightFault::clouds, Onset::in_flight},
     FaultKind{"blur", "blur", FlightFault::blur},
+    FaultKind{"blur, in flight", "blur_in_flight", FlightFault::blur, Onset::in_flight},
     FaultKind{"night", "night", FlightFault::night},
+    FaultKind{"night, in flight", "night_in_flight", FlightFault::night, Onset::in_flight},
     FaultKind{"map 50 m off", "map_50", FlightFault::map_50},
+    FaultKind{"map 50 m off, in flight", "map_50_in_flight", FlightFault::map_50, Onset::in_flight},
     FaultKind{"map 200 m off", "map_200", FlightFault::map_200},
+    FaultKind{"map 200 m off, in flight", "map_200_in_flight", FlightFault::map_200, Onset::in_flight},
     FaultKind{"map 1000 m off", "map_1000", FlightFault::map_1000},
+    FaultKind{"map 1000 m off, in flight", "map_1000_in_flight", FlightFault::map_1000, Onset::in_flight},
     FaultKind{"1 to 5 foreign frames", "foreign_frames", FlightFault::foreign_frames},
+    FaultKind{"1 to 5 foreign frames, in flight", "foreign_frames_in_flight", FlightFault::foreign_frames,
+              Onset::in_flight},
     FaultKind{"wrong anchor accepted, a minute later", "wrong_anchor", FlightFault::wrong_anchor},
     FaultKind{"odometry 5 % too long", "odometry", FlightFault::odometry},
+    FaultKind{"odometry 5 % too long, in flight", "odometry_in_flight", FlightFault::odometry, Onset::in_flight},
 };
 
 // The flight: a light drone 200 m above ground.
 constexpr double kSpeed_mps = 20, kFootprint_m = 255, kFlightAgl_m = 200;
 constexpr double kLeastNewGround = 0.1;
 constexpr double kStartSigma_m = 20, kClaimedSigma_m = 50;
+constexpr double kWideStartFactor = 2;    // σ of wide starts
+constexpr double kMinutesBefore = 5;      // without a fault, before one that begins in flight
 constexpr double kArea_m = 3000;          // to each side of the truth
 constexpr double kDriftShare = 0.03;      // σ of the drift, of the way: a camera file's height
 constexpr double kStepShare = 0.02;       // σ of the random walk
@@ -50,6 +68,8 @@ constexpr double kForeignFrom_s = 60, kForeignTo_s = 180;
 constexpr double kWrongAnchorCountsFrom_s = 60;
 constexpr int kMostWrongHits = 50;
 constexpr double kFarShare = 0.4;  // of the alert limit: σ that is added for the score of the hazardous event
+constexpr double kWarned = 10;     // takes so much off the score for each factor e of the level beyond the alert limit
+constexpr double kNoLevel_m = 10'000;
 
 Eigen::Vector2d random_direction(Random& random) {
   const double angle = random.uniform(-std::numbers::pi, std::numbers::pi);
@@ -59,6 +79,10 @@ Eigen::Vector2d random_direction(Random& random) {
 Eigen::Vector2d normal_vector(double sigma_m, Random& random) {
   const double east = random.normal(0, sigma_m), north = random.normal(0, sigma_m);
   return {east, north};
+}
+
+double normal_density(const Eigen::Vector2d& at, double sigma_m) {
+  return std::exp(-at.squaredNorm() / (2 * sigma_m * sigma_m)) / (2 * std::numbers::pi * sigma_m * sigma_m);
 }
 
 double larger_eigenvalue(const Eigen::Matrix2d& m) {
@@ -115,32 +139,40 @@ void correct(FaultFlight::State& s, const LookCandidate& candidate, const Candid
 
 std::span<const FaultKind> fault_kinds() { return kKinds; }
 
-FaultFlight::FaultFlight(const MeasuredLooks& looks, const RepeatRates& repeats, FlightFault fault,
-                         const FlightLimits& limits, Event target)
+const FaultKind& fault_kind(std::string_view code) {
+  const auto found = std::find_if(kKinds.begin(), kKinds.end(), [&](const FaultKind& k) { return k.code == code; });
+  if (found == kKinds.end()) throw Error({.what = "no such fault", .found = std::string(code)});
+  return *found;
+}
+
+FaultFlight::FaultFlight(const MeasuredLooks& looks, const RepeatRates& repeats, const FaultKind& kind,
+                         const FlightLimits& limits, Event target, double wide_starts, Guide guide)
     : looks_(looks),
       repeats_(repeats),
-      fault_(fault),
+      fault_(kind.fault),
+      onset_(kind.onset),
       limits_(limits),
       target_(target),
-      picture_(picture_of(fault)),
-      grounds_(looks.grounds_with(picture_, fault != FlightFault::unchecked_pairs)) {}
+      wide_starts_(wide_starts),
+      guide_(guide),
+      picture_(picture_of(kind.fault)),
+      grounds_(looks.grounds_with(picture_, kind.fault != FlightFault::unchecked_pairs)) {}
 
 FaultFlight::State FaultFlight::begin(Random& random) const {
   State s;
-  s.pools = looks_.pools(grounds_[static_cast<std::size_t>(random.integer(0, static_cast<int>(grounds_.size()) - 1))],
-                         picture_);
+  s.ground = &grounds_[static_cast<std::size_t>(random.integer(0, static_cast<int>(grounds_.size()) - 1))];
+  s.pools = looks_.pools(*s.ground, "clear");
   s.error.tail<2>() = normal_vector(kDriftShare, random);
   if (fault_ == FlightFault::odometry) s.error.tail<2>() += kLongOdometry * random_direction(random);
   s.map_shift_m = normal_vector(parameters::localizer::kMapSigma_m, random);
-  const double shift_m = fault_ == FlightFault::map_50     ? 50
-                         : fault_ == FlightFault::map_200  ? 200
-                         : fault_ == FlightFault::map_1000 ? 1000
-                                                           : 0;
-  s.map_shift_m += shift_m * random_direction(random);
   double sigma_m = kStartSigma_m;
-  s.error.head<2>() = normal_vector(sigma_m, random);
+  const double wide_m = kWideStartFactor * sigma_m;
+  s.error.head<2>() = normal_vector(random.chance(wide_starts_) ? wide_m : sigma_m, random);
+  s.weight = 1 / (1 - wide_starts_ +
+                  wide_starts_ * normal_density(s.error_m(), wide_m) / normal_density(s.error_m(), sigma_m));
   const auto far_off = [&](double least_m, double most_m) {
     sigma_m = kClaimedSigma_m;
+    s.weight = 1;
     s.error.head<2>() = random.uniform(least_m, most_m) * random_direction(random);
   };
   if (fault_ == FlightFault::start_500 || fault_ == FlightFault::start_and_map) far_off(150, 500);
@@ -148,11 +180,7 @@ FaultFlight::State FaultFlight::begin(Random& random) const {
   if (fault_ == FlightFault::wrong_anchor) far_off(50, 500);
   s.covariance.diagonal() << sigma_m * sigma_m, sigma_m * sigma_m, kDriftShare * kDriftShare, kDriftShare * kDriftShare;
   s.belief = PlaceBelief(kStartDoubt, square({0, 0}, kArea_m));
-  if (fault_ == FlightFault::foreign_frames) {
-    s.foreign_frames = random.integer(1, 5);
-    s.foreign_at_s = random.uniform(kForeignFrom_s, kForeignTo_s);
-    s.foreign_m = random.uniform(50, 500) * random_direction(random);
-  }
+  s.minute_ends_s = s.time_s = onset_ == Onset::in_flight ? -60 * kMinutesBefore : 0;
   // Hits at the wrong place, one after the other, until the position is usable: the worst case, because the belief has
   // no memory of the truth.
   for (int i = 0; fault_ == FlightFault::wrong_anchor && i < kMostWrongHits; ++i) {
@@ -168,7 +196,23 @@ FaultFlight::State FaultFlight::begin(Random& random) const {
   return s;
 }
 
+void FaultFlight::begin_fault(State& s, Random& random) const {
+  s.begun = true;
+  s.pools = looks_.pools(*s.ground, picture_);
+  const double shift_m = fault_ == FlightFault::map_50     ? 50
+                         : fault_ == FlightFault::map_200  ? 200
+                         : fault_ == FlightFault::map_1000 ? 1000
+                                                           : 0;
+  s.map_shift_m += shift_m * random_direction(random);
+  if (fault_ == FlightFault::foreign_frames) {
+    s.foreign_frames = random.integer(1, 5);
+    s.foreign_at_s = random.uniform(kForeignFrom_s, kForeignTo_s);
+    s.foreign_m = random.uniform(50, 500) * random_direction(random);
+  }
+}
+
 void FaultFlight::advance(State& s, Random& random) const {
+  if (!s.begun && s.time_s >= 0) begin_fault(s, random);
   if (s.time_s >= s.minute_ends_s) {
     s.new_ground = std::exp(random.uniform(std::log(kLeastNewGround), 0));
     s.minute_ends_s += 60;
@@ -195,7 +239,7 @@ void FaultFlight::advance(State& s, Random& random) const {
   const double radius_m = std::clamp(kReachSigmas * one_axis_sigma_m(s.covariance_m2()), least_m, kMaxRadius_m);
   nadir::Look look{square(s.error_m(), radius_m), std::nullopt, s.new_ground, !broken};
   const Eigen::Vector2d shown_m = s.map_shift_m + (foreign ? s.foreign_m : Eigen::Vector2d(0, 0));
-  const bool other_map = fault_ == FlightFault::other_map || fault_ == FlightFault::start_and_map;
+  const bool other_map = s.begun && (fault_ == FlightFault::other_map || fault_ == FlightFault::start_and_map);
   const WindowKind window = other_map                      ? WindowKind::other_map
                             : inside(look.window, shown_m) ? WindowKind::holds_place
                                                            : WindowKind::elsewhere;
@@ -218,10 +262,11 @@ void FaultFlight::advance(State& s, Random& random) const {
     sigmas = found.sigmas;
     s.last_chance.reset();
     if (found.outcome == LookOutcome::place) {
-      Eigen::Vector2d error_m = found.error_m * random_direction(random);
-      if (s.last_place_error_m && random.chance(repeats_.error_stays(s.new_ground))) error_m = *s.last_place_error_m;
-      s.last_place_error_m = error_m;
-      candidate_at(shown_m + error_m, found.log_likelihood_ratio);
+      const double sigma_m = std::sqrt(sigmas.variance_m2());
+      if (!s.place_error_sigmas || !random.chance(repeats_.error_stays(s.new_ground))) {
+        s.place_error_sigmas = found.error_m / sigma_m * random_direction(random);
+      }
+      candidate_at(shown_m + sigma_m * *s.place_error_sigmas, found.log_likelihood_ratio);
     } else if (found.outcome == LookOutcome::chance) {
       const double east_m = random.uniform(look.window.west_m, look.window.east_m),
                    north_m = random.uniform(look.window.south_m, look.window.north_m);
@@ -237,6 +282,7 @@ void FaultFlight::advance(State& s, Random& random) const {
 
   // What is published.
   s.hpl_m = s.belief.protection_level_m(s.covariance_m2(), limits_.integrity_risk, common_m2(s.anchored));
+  if (!s.begun) return;
   ++s.looks;
   if (!s.hpl_m || *s.hpl_m > limits_.alert_limit_m) return;
   ++s.usable;
@@ -265,7 +311,9 @@ double FaultFlight::score(const State& s) const {
     for (std::size_t j = 0; j < places.size(); ++j) others += j == i ? 0 : places[j].probability;
     weigh(places[i].probability, others, s.error_m() + places[i].offset_m, places[i].covariance_m2);
   }
-  return most;
+  if (guide_ == Guide::doubt) return most;
+  const double level_m = std::clamp(s.hpl_m.value_or(kNoLevel_m), limits_.alert_limit_m, kNoLevel_m);
+  return most - kWarned * std::log(level_m / limits_.alert_limit_m);
 }
 
 }  // namespace nadir::bench

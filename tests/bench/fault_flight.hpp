@@ -13,7 +13,11 @@
 //
 // Looks in a row depend on each other: a chance peak is seen again at the same place with the upper bound of the
 // counted probability, displaced and with a weight of evidence as when counted (repeated_looks.hpp); an error of the
-// true place stays with the ground that both show. The map as a whole is off by its own σ.
+// true place, in σ, stays with the ground that both show. The map as a whole is off by its own σ.
+//
+// Onset. A stretch with a fault begins with the flight, at a start that may be wrong; or in flight: a stretch without a
+// fault comes before it, of which nothing counts. Wide starts are rare and lead to most misleading flights, so half of
+// the starts are drawn from a wider distribution, and each flight has the weight that makes up for it.
 //
 // Misleading at a look: there is a protection level within the alert limit, and the error is larger. Hazardously: the
 // error is beyond the alert limit as well.
@@ -49,12 +53,16 @@ enum class FlightFault {
   odometry,        // each displacement is measured 5 % too long
 };
 
+enum class Onset { start, in_flight };
+
 struct FaultKind {
   std::string_view name;  // in tables
   std::string_view code;  // in files and on the command line
   FlightFault fault;
+  Onset onset = Onset::start;
 };
 std::span<const FaultKind> fault_kinds();
+const FaultKind& fault_kind(std::string_view code);  // throws Error
 
 struct FlightLimits {
   double minutes = 5;  // that the fault lasts
@@ -68,8 +76,10 @@ class FaultFlight {
 
   struct State {
     std::array<bool, kEvents> events{};
+    double weight = 1;  // of this flight among all: true over drawn density of its start
     // Fixed for the flight.
-    LookPools pools;
+    const std::string* ground = nullptr;
+    LookPools pools;                                        // of the pictures as they are now
     Eigen::Vector2d map_shift_m = Eigen::Vector2d::Zero();  // what lies at p appears at p + shift
     double foreign_at_s = 0;
     Eigen::Vector2d foreign_m = Eigen::Vector2d::Zero();
@@ -84,22 +94,27 @@ class FaultFlight {
     bool stands = true;
     double since_anchor_m = 0;
     int failures = 0;
-    // Time, and what the last look found.
+    // Time since the fault began, and what the last look found.
     double time_s = 0;
+    bool begun = false;  // the fault
     double minute_ends_s = 0;
     double new_ground = 1;
     std::optional<LookCandidate> last_chance;
     CandidateSigmas last_chance_sigmas;
-    std::optional<Eigen::Vector2d> last_place_error_m;
+    std::optional<Eigen::Vector2d> place_error_sigmas;
     bool last_foreign = false;
     // What is published.
     std::optional<double> hpl_m;
     int looks = 0, usable = 0, usable_30 = 0;
   };
 
-  // target: the event that score() leads to.
-  FaultFlight(const MeasuredLooks& looks, const RepeatRates& repeats, FlightFault fault, const FlightLimits& limits,
-              Event target);
+  // Which paths score() prefers: those that are most likely wrong, or those that nobody is warned of by a level beyond
+  // the alert limit. Different routes lead to the same event, and each guide misses some of them.
+  enum class Guide { doubt, unwarned_doubt };
+
+  // target: the event that score() leads to. wide_starts: share of starts that are drawn from the wider distribution.
+  FaultFlight(const MeasuredLooks& looks, const RepeatRates& repeats, const FaultKind& kind, const FlightLimits& limits,
+              Event target, double wide_starts = 0, Guide guide = Guide::doubt);
 
   State begin(Random& random) const;
   void advance(State& state, Random& random) const;
@@ -109,11 +124,16 @@ class FaultFlight {
   bool ended(const State& state) const { return state.time_s >= 60 * limits_.minutes; }
 
  private:
+  void begin_fault(State& state, Random& random) const;
+
   const MeasuredLooks& looks_;
   const RepeatRates& repeats_;
   FlightFault fault_;
+  Onset onset_;
   FlightLimits limits_;
   Event target_;
+  double wide_starts_;
+  Guide guide_;
   std::string picture_;
   std::vector<std::string> grounds_;
 };

@@ -33,17 +33,38 @@ constexpr std::array kEvents = {
     BasicEvent{"pictures", "night", 0.1, "one flight in ten runs into the night"},
     BasicEvent{"pictures", "foreign_frames", 1e-3, "a recording or another camera between the frames"},
 };
+constexpr double kStartsPerHour = 1;
 constexpr std::array<std::string_view, 4> kBranches = {"estimator", "start", "map", "pictures"};
 constexpr std::array<std::string_view, 4> kBranchNames = {"estimator misleads", "start is wrong", "map is wrong",
                                                           "pictures mislead"};
 
 std::string number(double value) { return value == 0 ? "0" : fmt::format("{:.1e}", value); }
 
-std::string_view name_of(std::string_view code) {
+// Of two estimates, by shares that add up to one.
+SplitEstimate mean_of(const SplitEstimate& one, double share, const SplitEstimate& other) {
+  return {share * one.mean + (1 - share) * other.mean, share * one.bound + (1 - share) * other.bound,
+          share * one.levels + (1 - share) * other.levels, std::min(one.repetitions, other.repetitions)};
+}
+
+// Of a stretch of flight, wherever in the hour it lies.
+EventProbability probability_of(std::string_view fault, double stretches_per_h,
+                                const std::map<std::string, FaultProbability>& probabilities) {
+  const auto simulated = [&](const FaultKind& kind) -> const FaultProbability& {
+    const auto found = probabilities.find(std::string(kind.code));
+    if (found != probabilities.end()) return found->second;
+    throw Error({.what = "a basic event has no probability",
+                 .found = std::string(kind.code),
+                 .fix = "let ./run bench integrity --part splitting run to its end"});
+  };
+  const FaultKind& at_start = fault_kind(fault);
+  const FaultProbability& first = simulated(at_start);
   for (const FaultKind& kind : fault_kinds()) {
-    if (kind.code == code) return kind.name;
+    if (kind.fault != at_start.fault || kind.onset == Onset::start) continue;
+    const FaultProbability& later = simulated(kind);
+    const double share = kStartsPerHour / stretches_per_h;
+    return {mean_of(first.misleading, share, later.misleading), mean_of(first.hazardous, share, later.hazardous)};
   }
-  return code;
+  return {first.misleading, first.hazardous};
 }
 
 std::string verdict(double bound_per_h, double target_per_h) {
@@ -97,14 +118,10 @@ FaultTree fault_tree(const std::map<std::string, FaultProbability>& probabilitie
   FaultTree tree;
   tree.minutes = minutes;
   for (const BasicEvent& event : kEvents) {
-    const auto found = probabilities.find(std::string(event.fault));
-    if (found == probabilities.end()) {
-      throw Error({.what = "a basic event has no probability",
-                   .found = std::string(event.fault),
-                   .fix = "let ./run bench integrity --part splitting run to its end"});
-    }
-    TreeRow row{event, std::string(name_of(event.fault)), event.rate_per_h > 0 ? event.rate_per_h : 60 / minutes,
-                found->second};
+    const double stretches_per_h = 60 / minutes;
+    TreeRow row{event, std::string(fault_kind(event.fault).name),
+                event.rate_per_h > 0 ? event.rate_per_h : stretches_per_h,
+                probability_of(event.fault, stretches_per_h, probabilities)};
     row.hazardous_per_h = row.stretches_per_h * row.probability.hazardous.mean;
     row.hazardous_bound_per_h = row.stretches_per_h * row.probability.hazardous.bound;
     row.misleading_per_h = row.stretches_per_h * row.probability.misleading.mean;

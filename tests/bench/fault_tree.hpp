@@ -17,17 +17,20 @@ namespace nadir::bench {
 inline constexpr double kSail3_per_h = 1e-4, kSail4_per_h = 1e-5;  // what is aimed at; docs/safety-case.md
 
 struct BasicEvent {
-  std::string_view branch, fault;  // FaultKind::code
+  std::string_view branch, fault;  // FaultKind::code, at a start
   double rate_per_h = 0;           // assumed; of stretches of flight. 0: every one that there is
   std::string_view argument;
 };
 std::span<const BasicEvent> basic_events();
 
+struct EventProbability {
+  SplitEstimate misleading, hazardous;
+};
 struct TreeRow {
   BasicEvent event;
   std::string name;
   double stretches_per_h = 0;
-  FaultProbability probability;
+  EventProbability probability;
   double hazardous_per_h = 0, hazardous_bound_per_h = 0, misleading_per_h = 0, misleading_bound_per_h = 0;
 };
 struct FaultTree {

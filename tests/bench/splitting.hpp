@@ -13,7 +13,9 @@
 // Rousset 2016.
 //
 // Process: a copyable State; State begin(Random&); void advance(State&, Random&); double score(const State&);
-// bool ended(const State&); and events, a std::array<bool, kEvents> in State, which once set stay set.
+// bool ended(const State&); and events, a std::array<bool, kEvents> in State, which once set stay set. A process that
+// draws rare beginnings more often than they are says so by a weight in State (importance sampling), which w_q is
+// multiplied by.
 #pragma once
 
 #include <algorithm>
@@ -33,13 +35,13 @@ struct SplittingOptions {
   double killed_share = 0.1;
   int max_levels = 400;
   double enough_share = 0.5;  // of the paths ended in the event below: no further levels
+  double negligible = 1e-9;   // probability of a level from which on nobody cares: likewise
   std::size_t event = 0;
 };
 
 template <typename State>
 struct SplittingResult {
   std::array<double, std::tuple_size_v<decltype(State::events)>> probability{};
-  std::vector<State> plain;  // ends of the first N paths, which no splitting touched
   int levels = 0;
   double reached = 1;  // probability of the last level
 };
@@ -58,9 +60,9 @@ class Splitting {
     const auto n = static_cast<std::size_t>(options_.particles);
     std::vector<Path> paths;
     for (std::size_t i = 0; i < n; ++i) paths.push_back(whole_path());
-    for (const Path& path : paths) result.plain.push_back(path.end);
+    double of_each = 1 / static_cast<double>(n);  // the weight of a path now
     const auto least = static_cast<std::size_t>(std::ceil(options_.killed_share * static_cast<double>(n)));
-    while (result.levels < options_.max_levels) {
+    while (result.levels < options_.max_levels && of_each * static_cast<double>(n) > options_.negligible) {
       const auto hits =
           std::count_if(paths.begin(), paths.end(), [this](const Path& p) { return p.end.events[options_.event]; });
       if (static_cast<double>(hits) >= options_.enough_share * static_cast<double>(n)) break;
@@ -71,16 +73,21 @@ class Splitting {
       std::vector<std::size_t> killed, alive;
       for (std::size_t i = 0; i < n; ++i) (paths[i].highest() <= level ? killed : alive).push_back(i);
       if (alive.empty()) break;  // no path is above: what they did counts as it is
-      for (const std::size_t i : killed) add(result.probability, paths[i], result.reached / static_cast<double>(n));
+      for (const std::size_t i : killed) add(result.probability, paths[i], of_each);
       Random choice(hash_of(seed_, static_cast<std::int64_t>(result.levels), -1));
       for (const std::size_t i : killed) {
         const auto parent = static_cast<std::size_t>(choice.integer(0, static_cast<int>(alive.size()) - 1));
         paths[i] = branch(paths[alive[parent]], level);
       }
-      result.reached *= 1 - static_cast<double>(killed.size()) / static_cast<double>(n);
+      of_each *= 1 - static_cast<double>(killed.size()) / static_cast<double>(n);
       ++result.levels;
     }
-    for (const Path& path : paths) add(result.probability, path, result.reached / static_cast<double>(n));
+    double weights = 0;
+    for (const Path& path : paths) {
+      add(result.probability, path, of_each);
+      weights += weight(path.end);
+    }
+    result.reached = of_each * weights;
     return result;
   }
 
@@ -96,8 +103,16 @@ class Splitting {
     double highest() const { return records.back().score; }
   };
 
-  static void add(std::array<double, kEvents>& sums, const Path& path, double weight) {
-    for (std::size_t i = 0; i < kEvents; ++i) sums[i] += path.end.events[i] ? weight : 0;
+  static double weight(const State& state) {
+    if constexpr (requires { state.weight; }) {
+      return state.weight;
+    } else {
+      return 1;
+    }
+  }
+
+  static void add(std::array<double, kEvents>& sums, const Path& path, double of_each) {
+    for (std::size_t i = 0; i < kEvents; ++i) sums[i] += path.end.events[i] ? of_each * weight(path.end) : 0;
   }
 
   Path whole_path() {

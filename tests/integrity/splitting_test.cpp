@@ -70,6 +70,37 @@ TEST(Splitting, FindsExactProbabilitiesFromOneInTenToOneInAMillion) {
   }
 }
 
+// Begins a few steps up: more often than it does, and weighed for it.
+struct WeighedWalk : Walk {
+  struct State : Walk::State {
+    double weight = 1;
+  };
+  static constexpr double kRare = 0.01, kDrawn = 0.5;
+
+  State begin(Random& random) const {
+    State state;
+    const bool rare = random.chance(kDrawn);
+    state.height = rare ? 6 : 0;
+    state.weight = rare ? kRare / kDrawn : (1 - kRare) / (1 - kDrawn);
+    return state;
+  }
+};
+
+TEST(Splitting, WeighsBeginningsThatAreDrawnMoreOftenThanTheyAre) {
+  const WeighedWalk walk{{14}};
+  double sum = 0, squares = 0;
+  constexpr int kRepetitions = 200;
+  for (int i = 0; i < kRepetitions; ++i) {
+    SplittingOptions options;
+    options.particles = 100;
+    const double p = Splitting<WeighedWalk>(walk, options, static_cast<std::uint64_t>(i)).run().probability[0];
+    sum += p / kRepetitions, squares += p * p / kRepetitions;
+  }
+  const double error = std::sqrt((squares - sum * sum) / kRepetitions);
+  EXPECT_NEAR(sum, 0.99 * exact_walk(14) + 0.01 * exact_walk(8), 4 * error);
+  EXPECT_LT(error, 0.1 * sum);
+}
+
 // Nothing is above a level where all scores are equal.
 TEST(Splitting, EndsWhereNoPathIsAboveTheOthers) {
   struct Flat : Walk {
@@ -79,7 +110,6 @@ TEST(Splitting, EndsWhereNoPathIsAboveTheOthers) {
   EXPECT_EQ(result.levels, 0);
   EXPECT_EQ(result.reached, 1);
   EXPECT_EQ(result.probability[0], 0);
-  EXPECT_EQ(result.plain.size(), 200U);
 }
 
 TEST(Splitting, ARepetitionThatNeverMetTheEventCountsWithItsLastLevel) {
@@ -113,7 +143,7 @@ std::uint64_t number_of(std::string_view code) {
 
 // The same event by plain counting and by splitting with few particles.
 TEST(MisleadingFlights, SplittingAgreesWithCountingWhereBothSee) {
-  const FaultFlight flight(stored_looks(), repeats(), FlightFault::unchecked_pairs, {}, FaultFlight::misleading);
+  const FaultFlight flight(stored_looks(), repeats(), fault_kind("unchecked_pairs"), {}, FaultFlight::misleading);
   CountedShare counted;
   for (int i = 0; i < 2000; ++i) {
     Random random(static_cast<std::uint64_t>(i));
@@ -136,6 +166,51 @@ TEST(MisleadingFlights, SplittingAgreesWithCountingWhereBothSee) {
   EXPECT_LT(sum - error, counted.upper());
 }
 
+// A wide start is what misleads most flights: weighed counts of wide starts, and counts of starts as they are.
+TEST(MisleadingFlights, WideStartsAreWeighedToWhatStartsAsTheyAreSay) {
+  const auto counted = [](double wide_starts, double& weights) {
+    const FaultFlight flight(stored_looks(), repeats(), fault_kind("unchecked_pairs"), {}, FaultFlight::misleading,
+                             wide_starts);
+    double misleading = 0, squares = 0;
+    for (int i = 0; i < 2000; ++i) {
+      Random random(static_cast<std::uint64_t>(i));
+      FaultFlight::State state = flight.begin(random);
+      while (!flight.ended(state)) flight.advance(state, random);
+      weights += state.weight;
+      if (!state.events[FaultFlight::misleading]) continue;
+      misleading += state.weight, squares += state.weight * state.weight;
+    }
+    return std::pair{misleading, squares};
+  };
+  double plain_weights = 0, wide_weights = 0;
+  const auto [plain, plain_squares] = counted(0, plain_weights);
+  const auto [wide, wide_squares] = counted(0.5, wide_weights);
+  EXPECT_EQ(plain_weights, 2000);
+  EXPECT_NEAR(wide_weights, 2000, 4 * std::sqrt(2000 * 0.35));  // the variance of a weight is below 0.35
+  EXPECT_NEAR(plain, wide, 3 * std::sqrt(plain_squares + wide_squares));
+}
+
+// What comes in flight finds the track anchored: nothing counts before, and hardly a start lasts until then.
+TEST(MisleadingFlights, AFaultInFlightBeginsAfterFiveMinutesWithout) {
+  const FaultFlight flight(stored_looks(), repeats(), fault_kind("night_in_flight"), {}, FaultFlight::hazardous);
+  int anchored = 0;
+  for (int i = 0; i < 100; ++i) {
+    Random random(static_cast<std::uint64_t>(i));
+    FaultFlight::State state = flight.begin(random);
+    EXPECT_EQ(state.time_s, -300);
+    while (!state.begun) {
+      EXPECT_EQ(state.looks, 0);
+      EXPECT_FALSE(state.events[FaultFlight::misleading]);
+      flight.advance(state, random);
+    }
+    anchored += state.anchored ? 1 : 0;
+    while (!flight.ended(state)) flight.advance(state, random);
+    EXPECT_GE(state.time_s, 300);
+    EXPECT_GT(state.looks, 20);
+  }
+  EXPECT_GT(anchored, 95);
+}
+
 TEST(MisleadingFlights, TheSameSeedGivesTheSameLineOnAnyNumberOfThreads) {
   SplittingRun run;
   run.seed = kJudgeSeed;
@@ -154,16 +229,16 @@ TEST(MisleadingFlights, TheSameSeedGivesTheSameLineOnAnyNumberOfThreads) {
   EXPECT_EQ(std::count(lines[0].begin(), lines[0].end(), '\n'), static_cast<long>(fault_kinds().size()));
 }
 
-// Small, with a fixed seed. The bounds are some three times what docs/safety-case.md publishes: a belief that became
-// worse by more than that leaves them.
+// Small, with a fixed seed. The bounds are some ten times what docs/safety-case.md publishes, where that is more than
+// such a run can see: a belief that became worse by more than that leaves them.
 TEST(MisleadingFlights, StayWithinTheirBounds) {
   struct Bound {
     const char* fault;
     double misleading, hazardous;
   };
-  static constexpr std::array kBounds = {Bound{"none", 1e-2, 1e-3}, Bound{"odometry", 2e-2, 3e-3},
-                                         Bound{"foreign_frames", 3e-2, 5e-3}, Bound{"start_500", 0.06, 0.03},
-                                         Bound{"other_map", 1e-3, 1e-3}};
+  static constexpr std::array kBounds = {Bound{"none", 1e-4, 1e-5},      Bound{"none_in_flight", 1e-4, 1e-5},
+                                         Bound{"odometry", 1e-3, 1e-5},  Bound{"foreign_frames", 3e-2, 5e-3},
+                                         Bound{"start_500", 0.03, 5e-3}, Bound{"other_map", 1e-4, 1e-4}};
   for (const Bound& bound : kBounds) {
     SplittingRun run;
     run.seed = kJudgeSeed + 7;
@@ -248,10 +323,25 @@ TEST(FaultTree, AddsUpRatesTimesProbabilities) {
   for (const BasicEvent& event : basic_events()) EXPECT_THAT(svg, testing::HasSubstr("circle")) << event.fault;
 }
 
+// Of the twelve stretches of an hour one begins at a start.
+TEST(FaultTree, AFaultThatMayComeAtAnyTimeHasBothProbabilitiesByTheirShares) {
+  auto records = made_up_records();
+  for (auto& [index, record] : records) {
+    if (record.fault.ends_with("in_flight")) record.hazardous.probability = 16e-6;
+  }
+  const FaultTree tree = fault_tree(probabilities(records), 5);
+  for (const TreeRow& row : tree.rows) {
+    const bool at_start_alone =
+        row.event.branch == "start" || row.event.fault == "start_and_map" || row.event.fault == "wrong_anchor";
+    EXPECT_NEAR(row.probability.hazardous.mean, at_start_alone ? 4e-6 : 15e-6, 1e-12) << row.name;
+  }
+}
+
 TEST(FaultTree, EveryFaultThatIsSimulatedIsABasicEvent) {
   for (const FaultKind& kind : fault_kinds()) {
     const auto events = basic_events();
-    EXPECT_EQ(std::count_if(events.begin(), events.end(), [&](const BasicEvent& e) { return e.fault == kind.code; }), 1)
+    EXPECT_EQ(
+        std::ranges::count_if(events, [&](const BasicEvent& e) { return fault_kind(e.fault).fault == kind.fault; }), 1)
         << kind.code;
   }
 }
