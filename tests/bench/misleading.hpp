@@ -17,7 +17,7 @@ struct SplitRecord {
     int levels = 0;
     double reached = 1;  // probability of the last level
     double probability = 0;
-  } misleading, hazardous;                                   // each by a splitting of its own
+  } misleading, hazardous;  // each by splittings of its own; hazardous: the mean of both guides, levels added up
   int plain = 0, plain_misleading = 0, plain_hazardous = 0;  // flights without splitting, counted
   long looks = 0, usable = 0, usable_30 = 0;                 // of those
 };
