@@ -5,17 +5,17 @@
 // mean over the looks knows:
 //
 //   start    a given start is wrong with a chance of 3e-3, far above the integrity risk. Until looks at different
-//   ground
-//            have agreed there is no level, or one that holds the start's whole Gaussian as well
+//            ground have agreed there is no level, or one that holds the start's whole Gaussian as well
 //   misses   between accepted looks the position grows by the velocity's σ, and by odometry's drift where frames
-//   overlap doubt    a wide prediction, a weak look or a turn leaves weight beside the track until the next good looks
+//            overlap
+//   doubt    a wide prediction, a weak look, a turn or a frame that breaks the track leaves weight beside the track
+//            until the next good looks
 //
 // So a flight is drawn look by look, and the level is read from its own PlaceBelief. Drawn are:
 //
 //   found    P of the looks (look_model.hpp) anchor. Neighbouring looks see the same ground: one latent variable with
-//   the
-//            correlation exp(-way / kLookCorrelation_m) decides, z ~ N(0, 1), u = Φ(z). m = logit P - logit u is how
-//            easily the place is found: it is the candidate while m > -m_0, and weak where m < 0
+//            the correlation exp(-way / kLookCorrelation_m) decides, z ~ N(0, 1), u = Φ(z). m = logit P - logit u is
+//            how easily the place is found: it is the candidate while m > -m_0, and weak where m < 0
 //   ln ℓ     of a place that was found: a + b m + c w, w ~ N(0, 1), within the table's limit
 //   chance   a look that finds nothing has, once in so many times, a chance peak anywhere in its window
 //

@@ -68,7 +68,10 @@ void write_views(CatalogueDatabase& database, const Views& views, const char* dr
   GdalHandle target(vector_writer(driver, file).Create(file.c_str(), 0, 0, 0, GDT_Unknown, nullptr));
   const auto need = [&file](bool ok) {
     if (ok) return;
-    throw Error({.what = "the catalogue cannot be exported", .where = file.string(), .found = QuietGdal::last_error()});
+    throw Error({.what = "the catalogue cannot be exported",
+                 .where = file.string(),
+                 .found = QuietGdal::last_error(),
+                 .fix = "check the folder's free space and permissions, and export again"});
   };
   need(target != nullptr);
   for (const char* view : views) database.copy_view(view, *target);
