@@ -106,9 +106,9 @@ class MissionsPage(support.EndToEnd):
 
     @staticmethod
     def spot(browser, east, north):
-        """Of the map, from its middle, in shares of its shorter side."""
+        """Of the map, from its middle, in shares of its shorter side. At the top of the page what comes and goes below does not move it."""
         return browser.evaluate(f"""(() => {{
-          document.getElementById('map').scrollIntoView({{ block: 'nearest' }});
+          document.getElementById('map').scrollIntoView({{ block: 'start' }});
           const box = document.getElementById('map').getBoundingClientRect(), side = Math.min(box.width, box.height);
           return [box.left + box.width / 2 + {east} * side, box.top + box.height / 2 - {north} * side];
         }})()""")
@@ -162,7 +162,7 @@ class MissionsPage(support.EndToEnd):
         browser.wait_for("document.querySelectorAll('#findings li.refuse').length === 2")  # no take-off, no ground
 
         self.draw(browser, "takeoff", [(-.2, -.2)])
-        browser.wait_for(SAVED)  # findings that go move the map on a phone
+        browser.wait_for(SAVED)
         self.draw(browser, "route", [(-.2, -.2), (.2, -.2), (.2, .1), (-.1, .1)], close=True)
         self.assertEqual(4, browser.evaluate(POINTS))
         # The first point snapped to the take-off.
