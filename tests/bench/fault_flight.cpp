@@ -17,40 +17,39 @@ using namespace parameters::anchor_measurement;
 using namespace parameters::belief;
 using namespace parameters::search_window;
 
-constexpr std::array kKinds = {
-    FaultKind{"no fault", "none", FlightFault::none},
-    FaultKind{"no fault, in flight", "none_in_flight", FlightFault::none, Onset::in_flight},
-    FaultKind{"no fault, maps of unchecked registration", "unchecked_pairs", FlightFault::unchecked_pairs},
-    FaultKind{"no fault, maps of unchecked registration, in flight", "unchecked_pairs_in_flight",
-              FlightFault::unchecked_pairs, Onset::in_flight},
-    FaultKind{"start 150 to 500 m off", "start_500", FlightFault::start_500},
-    FaultKind{"start 500 to 2000 m off", "start_2000", FlightFault::start_2000},
-    FaultKind{"map does not show the place", "other_map", FlightFault::other_map},
-    FaultKind{"map does not show the place, in flight", "other_map_in_flight", FlightFault::other_map,
-              Onset::in_flight},
-    FaultKind{"start 150 to 500 m off, and such a map", "start_and_map", FlightFault::start_and_map},
-    FaultKind{"half of the map has changed", "half_changed", FlightFault::half_changed},
-    FaultKind{"half of the map has changed, in flight", "half_changed_in_flight", FlightFault::half_changed,
-              Onset::in_flight},
-    FaultKind{"clouds", "clouds", FlightFault::clouds},
-    FaultKind{"clouds, in flight", "clouds_in_flight", FlightFault::clouds, Onset::in_flight},
-    FaultKind{"blur", "blur", FlightFault::blur},
-    FaultKind{"blur, in flight", "blur_in_flight", FlightFault::blur, Onset::in_flight},
-    FaultKind{"night", "night", FlightFault::night},
-    FaultKind{"night, in flight", "night_in_flight", FlightFault::night, Onset::in_flight},
-    FaultKind{"map 50 m off", "map_50", FlightFault::map_50},
-    FaultKind{"map 50 m off, in flight", "map_50_in_flight", FlightFault::map_50, Onset::in_flight},
-    FaultKind{"map 200 m off", "map_200", FlightFault::map_200},
-    FaultKind{"map 200 m off, in flight", "map_200_in_flight", FlightFault::map_200, Onset::in_flight},
-    FaultKind{"map 1000 m off", "map_1000", FlightFault::map_1000},
-    FaultKind{"map 1000 m off, in flight", "map_1000_in_flight", FlightFault::map_1000, Onset::in_flight},
-    FaultKind{"1 to 5 foreign frames", "foreign_frames", FlightFault::foreign_frames},
-    FaultKind{"1 to 5 foreign frames, in flight", "foreign_frames_in_flight", FlightFault::foreign_frames,
-              Onset::in_flight},
-    FaultKind{"wrong anchor accepted, a minute later", "wrong_anchor", FlightFault::wrong_anchor},
-    FaultKind{"odometry 5 % too long", "odometry", FlightFault::odometry},
-    FaultKind{"odometry 5 % too long, in flight", "odometry_in_flight", FlightFault::odometry, Onset::in_flight},
+struct NamedFault {
+  FlightFault fault;
+  std::string_view code, name;
+  bool in_flight = true;  // it may begin there as well
 };
+constexpr std::array kFaults = {
+    NamedFault{FlightFault::none, "none", "no fault"},
+    NamedFault{FlightFault::unchecked_pairs, "unchecked_pairs", "no fault, maps of unchecked registration"},
+    NamedFault{FlightFault::start_500, "start_500", "start 150 to 500 m off", false},
+    NamedFault{FlightFault::start_2000, "start_2000", "start 500 to 2000 m off", false},
+    NamedFault{FlightFault::other_map, "other_map", "map does not show the place"},
+    NamedFault{FlightFault::start_and_map, "start_and_map", "start 150 to 500 m off, and such a map", false},
+    NamedFault{FlightFault::half_changed, "half_changed", "half of the map has changed"},
+    NamedFault{FlightFault::clouds, "clouds", "clouds"},
+    NamedFault{FlightFault::blur, "blur", "blur"},
+    NamedFault{FlightFault::night, "night", "night"},
+    NamedFault{FlightFault::map_50, "map_50", "map 50 m off"},
+    NamedFault{FlightFault::map_200, "map_200", "map 200 m off"},
+    NamedFault{FlightFault::map_1000, "map_1000", "map 1000 m off"},
+    NamedFault{FlightFault::foreign_frames, "foreign_frames", "1 to 5 foreign frames"},
+    NamedFault{FlightFault::wrong_anchor, "wrong_anchor", "wrong anchor accepted, a minute later", false},
+    NamedFault{FlightFault::odometry, "odometry", "odometry 5 % too long"},
+};
+
+std::vector<FaultKind> made_kinds() {
+  std::vector<FaultKind> kinds;
+  for (const NamedFault& f : kFaults) {
+    const std::string name(f.name), code(f.code);
+    kinds.push_back({name, code, f.fault, Onset::start});
+    if (f.in_flight) kinds.push_back({name + ", in flight", code + "_in_flight", f.fault, Onset::in_flight});
+  }
+  return kinds;
+}
 
 // The flight: a light drone 200 m above ground.
 constexpr double kSpeed_mps = 20, kFootprint_m = 255, kFlightAgl_m = 200;
@@ -137,11 +136,15 @@ void correct(FaultFlight::State& s, const LookCandidate& candidate, const Candid
 
 }  // namespace
 
-std::span<const FaultKind> fault_kinds() { return kKinds; }
+std::span<const FaultKind> fault_kinds() {
+  static const std::vector<FaultKind> kinds = made_kinds();
+  return kinds;
+}
 
 const FaultKind& fault_kind(std::string_view code) {
-  const auto found = std::find_if(kKinds.begin(), kKinds.end(), [&](const FaultKind& k) { return k.code == code; });
-  if (found == kKinds.end()) throw Error({.what = "no such fault", .found = std::string(code)});
+  const auto kinds = fault_kinds();
+  const auto found = std::find_if(kinds.begin(), kinds.end(), [&](const FaultKind& k) { return k.code == code; });
+  if (found == kinds.end()) throw Error({.what = "no such fault", .found = std::string(code)});
   return *found;
 }
 

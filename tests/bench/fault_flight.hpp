@@ -26,6 +26,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <string>
 #include <string_view>
 
 #include "estimation/belief.hpp"
@@ -56,8 +57,8 @@ enum class FlightFault {
 enum class Onset { start, in_flight };
 
 struct FaultKind {
-  std::string_view name;  // in tables
-  std::string_view code;  // in files and on the command line
+  std::string name;  // in tables
+  std::string code;  // in files and on the command line
   FlightFault fault;
   Onset onset = Onset::start;
 };

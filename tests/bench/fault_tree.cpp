@@ -50,10 +50,10 @@ SplitEstimate mean_of(const SplitEstimate& one, double share, const SplitEstimat
 EventProbability probability_of(std::string_view fault, double stretches_per_h,
                                 const std::map<std::string, FaultProbability>& probabilities) {
   const auto simulated = [&](const FaultKind& kind) -> const FaultProbability& {
-    const auto found = probabilities.find(std::string(kind.code));
+    const auto found = probabilities.find(kind.code);
     if (found != probabilities.end()) return found->second;
     throw Error({.what = "a basic event has no probability",
-                 .found = std::string(kind.code),
+                 .found = kind.code,
                  .fix = "let ./run bench integrity --part splitting run to its end"});
   };
   const FaultKind& at_start = fault_kind(fault);
@@ -119,8 +119,7 @@ FaultTree fault_tree(const std::map<std::string, FaultProbability>& probabilitie
   tree.minutes = minutes;
   for (const BasicEvent& event : kEvents) {
     const double stretches_per_h = 60 / minutes;
-    TreeRow row{event, std::string(fault_kind(event.fault).name),
-                event.rate_per_h > 0 ? event.rate_per_h : stretches_per_h,
+    TreeRow row{event, fault_kind(event.fault).name, event.rate_per_h > 0 ? event.rate_per_h : stretches_per_h,
                 probability_of(event.fault, stretches_per_h, probabilities)};
     row.hazardous_per_h = row.stretches_per_h * row.probability.hazardous.mean;
     row.hazardous_bound_per_h = row.stretches_per_h * row.probability.hazardous.bound;

@@ -6,7 +6,9 @@
 //   table      results of both in the form that is stored, for drawing from (measured_looks.hpp)
 //   splitting  P(misleading | fault), by multilevel splitting over flights whose looks are drawn from that table
 //              (splitting.hpp, fault_flight.hpp, misleading.hpp)
-//   tree       those probabilities times assumed rates of the faults: a rate per flight hour (fault_tree.hpp)
+//   plain      the same by counting flights, without a method (plain_flights.hpp)
+//   tree       the probabilities of splitting times assumed rates of the faults: a rate per flight hour
+//   (fault_tree.hpp)
 #include <fmt/format.h>
 
 #include <iostream>
@@ -19,6 +21,7 @@
 #include "fault_tree.hpp"
 #include "look_rates.hpp"
 #include "misleading.hpp"
+#include "plain_flights.hpp"
 #include "repeated_looks.hpp"
 #include "seeded_runs.hpp"
 
@@ -36,7 +39,8 @@ struct Options {
   std::filesystem::path measured = "tests/integrity/data/measured_looks.csv",
                         repeated = "tests/integrity/data/repeated_looks.csv";
   SplittingRun splitting;
-  int repetitions = 20;
+  int repetitions = 20, flights = 100'000;
+  std::vector<std::string> faults;
 };
 
 struct UnseenGrounds : Grounds {
@@ -123,17 +127,39 @@ int table(const Options& options) {
 
 std::string digest_of(const std::filesystem::path& path) { return sha256(as_bytes(read_text_file(path))).hex(); }
 
-int splitting(Options options) {
+// Of the faults that were asked for, all repetitions; of all where none was.
+std::vector<std::uint64_t> indices_of(const std::vector<std::string>& faults, int repetitions) {
+  std::vector<std::uint64_t> indices;
+  for (std::uint64_t i = 0; i < fault_kinds().size() * static_cast<std::uint64_t>(repetitions); ++i) {
+    const FaultKind& kind = fault_kinds()[i % fault_kinds().size()];
+    if (faults.empty() || std::ranges::count(faults, kind.code) > 0) indices.push_back(i);
+  }
+  return indices;
+}
+
+// plain: count flights instead.
+int splitting(Options options, bool plain) {
   const MeasuredLooks looks = MeasuredLooks::read(options.measured);
   const RepeatRates rates = RepeatRates::read(options.repeated);
   options.splitting.seed = options.run.seed;
   options.splitting.looks_origin = looks.origin();
   options.splitting.looks_sha256 = digest_of(options.measured);
   options.splitting.repeats_sha256 = digest_of(options.repeated);
-  options.run.count = fault_kinds().size() * static_cast<std::size_t>(options.repetitions);
+  for (const std::string& fault : options.faults) fault_kind(fault);
+  const auto indices = indices_of(
+      options.faults, plain ? (options.flights + kFlightsInALine - 1) / kFlightsInALine : options.repetitions);
+  options.run.count = indices.size();
+  if (plain) {
+    const auto counted = run_all<PlainFlights>(
+        options.run, plain_header(options.splitting), plain_flights_of,
+        [&](std::uint64_t i) { return count_plain(looks, rates, options.splitting, i); }, indices);
+    std::cout << plain_table(counted);
+    return 0;
+  }
   std::cout << rates.table() << "\n";
-  const auto records = run_all<SplitRecord>(options.run, splitting_header(options.splitting), split_record_of,
-                                            [&](std::uint64_t i) { return split(looks, rates, options.splitting, i); });
+  const auto records = run_all<SplitRecord>(
+      options.run, splitting_header(options.splitting), split_record_of,
+      [&](std::uint64_t i) { return split(looks, rates, options.splitting, i); }, indices);
   std::cout << splitting_table(records);
   return 0;
 }
@@ -157,7 +183,7 @@ int run(const Options& options) {
   if (options.part == "looks") return looks(options);
   if (options.part == "repeats") return repeats(options);
   if (options.part == "table") return table(options);
-  return options.part == "splitting" ? splitting(options) : tree(options);
+  return options.part == "tree" ? tree(options) : splitting(options, options.part == "plain");
 }
 
 }  // namespace
@@ -168,8 +194,8 @@ int main(int argc, char** argv) {
   options.run.count = 300'000;
   options.run.seed = 1'000'000;
   options.plan.right_share = 0.25;
-  app.add_option("--part", options.part, "looks, repeats, table, splitting or tree")
-      ->check(CLI::IsMember({"looks", "repeats", "table", "splitting", "tree"}))
+  app.add_option("--part", options.part, "looks, repeats, table, splitting, plain or tree")
+      ->check(CLI::IsMember({"looks", "repeats", "table", "splitting", "plain", "tree"}))
       ->capture_default_str();
   options.run.add_to(app, "looks");
   app.add_option("--real", options.plan.real_share, "share of looks over real imagery")->check(CLI::Range(0.0, 1.0));
@@ -182,6 +208,8 @@ int main(int argc, char** argv) {
   app.add_option("--measured", options.measured, "the table that splitting draws from")->capture_default_str();
   app.add_option("--repeated", options.repeated, "the repeats that it draws from")->capture_default_str();
   app.add_option("--repetitions", options.repetitions, "of splitting, for each fault")->check(CLI::Range(2, 10'000));
+  app.add_option("--flights", options.flights, "of plain, for each fault")->check(CLI::Range(1, 100'000'000));
+  app.add_option("--faults", options.faults, "of splitting and plain: these alone, by their codes in the results");
   app.add_option("--particles", options.splitting.particles, "of splitting")->check(CLI::Range(10, 100'000));
   CLI11_PARSE(app, argc, argv);
   try {

@@ -14,7 +14,7 @@ namespace {
 constexpr int kLeastRepetitions = 20;
 constexpr double kWideStarts = 0.5;  // of the flights of a splitting; their weights are 2 at most
 
-constexpr int kPlain = 1000;  // seeds of plain flights begin here
+constexpr int kPlain = 1000;  // the seed of plain flights
 
 // The 95 % quantile of Student's t (Fisher's expansion; 2e-3 off at four degrees of freedom).
 double t_95(double freedom) {
@@ -34,21 +34,16 @@ std::string probability(double p) { return p == 0 ? "0" : fmt::format("{:.2g}", 
 
 std::string splitting_header(const SplittingRun& run) {
   return fmt::format(
-      "# nadir bench splitting, base seed {}, {} particles, {:g} minutes, alert limit {:g} m, risk {:g}, looks {} "
-      "({}), "
-      "repeats "
-      "{}\nindex,fault,levels,reached,misleading,levels,reached,hazardous,plain,plain_misleading,plain_hazardous,looks,"
-      "usable,"
-      "usable_30\n",
-      run.seed, run.particles, run.limits.minutes, run.limits.alert_limit_m, run.limits.integrity_risk,
-      run.looks_sha256.substr(0, 16), run.looks_origin, run.repeats_sha256.substr(0, 16));
+      "# nadir bench splitting, base seed {}, {} particles, {}\nindex,fault,levels,reached,misleading,"
+      "levels,reached,hazardous,plain,plain_misleading,plain_hazardous,looks,usable,usable_30\n",
+      run.seed, run.particles, run.text());
 }
 
 std::string line(const SplitRecord& r) {
   return fmt::format("{},{},{},{:.4g},{:.4g},{},{:.4g},{:.4g},{},{},{},{},{},{}\n", r.index, r.fault,
                      r.misleading.levels, r.misleading.reached, r.misleading.probability, r.hazardous.levels,
-                     r.hazardous.reached, r.hazardous.probability, r.plain, r.plain_misleading, r.plain_hazardous,
-                     r.looks, r.usable, r.usable_30);
+                     r.hazardous.reached, r.hazardous.probability, r.plain.flights, r.plain.misleading,
+                     r.plain.hazardous, r.plain.looks, r.plain.usable, r.plain.usable_30);
 }
 
 SplitRecord split_record_of(const std::string& text) {
@@ -60,8 +55,8 @@ SplitRecord split_record_of(const std::string& text) {
   for (SplitRecord::Estimate* e : {&r.misleading, &r.hazardous}) {
     in >> e->levels >> comma >> e->reached >> comma >> e->probability >> comma;
   }
-  in >> r.plain >> comma >> r.plain_misleading >> comma >> r.plain_hazardous >> comma >> r.looks >> comma >> r.usable >>
-      comma >> r.usable_30;
+  in >> r.plain.flights >> comma >> r.plain.misleading >> comma >> r.plain.hazardous >> comma >> r.plain.looks >>
+      comma >> r.plain.usable >> comma >> r.plain.usable_30;
   const bool known = std::ranges::any_of(fault_kinds(), [&](const FaultKind& k) { return k.code == r.fault; });
   if (!in || !(in >> std::ws).eof() || !known) {
     throw Error({.what = "a line of results cannot be read",
@@ -91,15 +86,7 @@ SplitRecord split(const MeasuredLooks& looks, const RepeatRates& repeats, const 
   record.hazardous =
       mean_of(by(FaultFlight::hazardous, Guide::doubt), by(FaultFlight::hazardous, Guide::unwarned_doubt));
   const FaultFlight flight(looks, repeats, kind, run.limits, FaultFlight::hazardous);
-  for (int i = 0; i < 2 * run.particles; ++i) {
-    Random random(hash_of(run.seed, static_cast<std::int64_t>(index), kPlain + i));
-    FaultFlight::State end = flight.begin(random);
-    while (!flight.ended(end)) flight.advance(end, random);
-    ++record.plain;
-    record.plain_misleading += end.events[FaultFlight::misleading] ? 1 : 0;
-    record.plain_hazardous += end.events[FaultFlight::hazardous] ? 1 : 0;
-    record.looks += end.looks, record.usable += end.usable, record.usable_30 += end.usable_30;
-  }
+  record.plain = count_flights(flight, 2 * run.particles, hash_of(run.seed, static_cast<std::int64_t>(index), kPlain));
   return split_record_of(line(record));  // rounded as it is stored: a resumed run prints the same
 }
 
@@ -127,9 +114,7 @@ std::map<std::string, FaultProbability> probabilities(const std::map<std::uint64
   for (const auto& [index, r] : records) {
     lists[r.fault][0].push_back(r.misleading);
     lists[r.fault][1].push_back(r.hazardous);
-    FaultProbability& sum = sums[r.fault];
-    sum.plain += r.plain, sum.plain_misleading += r.plain_misleading, sum.plain_hazardous += r.plain_hazardous;
-    sum.looks += r.looks, sum.usable += r.usable, sum.usable_30 += r.usable_30;
+    sums[r.fault].plain.add(r.plain);
   }
   for (auto& [fault, sum] : sums) {
     sum.misleading = estimate_of(lists[fault][0]);
@@ -152,18 +137,18 @@ std::string splitting_table(const std::map<std::uint64_t, SplitRecord>& records)
       "|---|---|---|---|---|---|---|---|---|---|---|---|---|\n";
   int least = kLeastRepetitions;
   for (const FaultKind& kind : fault_kinds()) {
-    const auto found = by_fault.find(std::string(kind.code));
+    const auto found = by_fault.find(kind.code);
     if (found == by_fault.end()) continue;
     const FaultProbability& p = found->second;
     least = std::min(least, p.misleading.repetitions);
     const auto share = [&](long part) {
-      return 100.0 * static_cast<double>(part) / static_cast<double>(std::max(1L, p.looks));
+      return 100.0 * static_cast<double>(part) / static_cast<double>(std::max(1L, p.plain.looks));
     };
     table += fmt::format("| {} | {} | {:.0f} | {} | {} | {:.0f} | {} | {} | {} | {} | {} | {:.1f} | {:.1f} |\n",
                          kind.name, p.misleading.repetitions, p.misleading.levels, probability(p.misleading.mean),
                          probability(p.misleading.bound), p.hazardous.levels, probability(p.hazardous.mean),
-                         probability(p.hazardous.bound), p.plain, p.plain_misleading, p.plain_hazardous,
-                         share(p.usable_30), share(p.usable));
+                         probability(p.hazardous.bound), p.plain.flights, p.plain.misleading, p.plain.hazardous,
+                         share(p.plain.usable_30), share(p.plain.usable));
   }
   if (least < kLeastRepetitions) {
     table += fmt::format("\nonly {} repetitions of some faults: bounds need {}\n", least, kLeastRepetitions);

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "fault_flight.hpp"
+#include "plain_flights.hpp"
 #include "splitting.hpp"
 
 namespace nadir::bench {
@@ -18,16 +19,11 @@ struct SplitRecord {
     double reached = 1;  // probability of the last level
     double probability = 0;
   } misleading, hazardous;  // each by splittings of its own; hazardous: the mean of both guides, levels added up
-  int plain = 0, plain_misleading = 0, plain_hazardous = 0;  // flights without splitting, counted
-  long looks = 0, usable = 0, usable_30 = 0;                 // of those
+  FlightCounts plain;       // without splitting
 };
 
-// What identifies a run: the same text, the same results.
-struct SplittingRun {
-  std::uint64_t seed = 0;
+struct SplittingRun : FlightsRun {
   int particles = 200;
-  FlightLimits limits;
-  std::string looks_origin, looks_sha256, repeats_sha256;
 };
 
 std::string splitting_header(const SplittingRun& run);
@@ -45,7 +41,7 @@ struct SplitEstimate {
 };
 struct FaultProbability {
   SplitEstimate misleading, hazardous;
-  long plain = 0, plain_misleading = 0, plain_hazardous = 0, looks = 0, usable = 0, usable_30 = 0;
+  FlightCounts plain;
 };
 SplitEstimate estimate_of(const std::vector<SplitRecord::Estimate>& repetitions);
 std::map<std::string, FaultProbability> probabilities(const std::map<std::uint64_t, SplitRecord>& records);

@@ -52,21 +52,28 @@ double exact_walk(int goal) {
   return sum;
 }
 
+// The mean of splittings with seeds of their own, and its standard error.
+struct Repeated {
+  double mean = 0, error = 0;
+};
+template <typename Process>
+Repeated split_often(const Process& process, int particles, int repetitions, std::uint64_t first_seed = 0) {
+  double sum = 0, squares = 0;
+  for (int i = 0; i < repetitions; ++i) {
+    SplittingOptions options;
+    options.particles = particles;
+    const double p =
+        Splitting<Process>(process, options, first_seed + static_cast<std::uint64_t>(i)).run().probability[0];
+    sum += p / repetitions, squares += p * p / repetitions;
+  }
+  return {sum, std::sqrt((squares - sum * sum) / repetitions)};
+}
+
 TEST(Splitting, FindsExactProbabilitiesFromOneInTenToOneInAMillion) {
   for (const int goal : {8, 12, 16, 20}) {
-    const Walk walk{goal};
-    double sum = 0, squares = 0;
-    constexpr int kRepetitions = 200;
-    for (int i = 0; i < kRepetitions; ++i) {
-      SplittingOptions options;
-      options.particles = 100;
-      const double p = Splitting<Walk>(walk, options, static_cast<std::uint64_t>(i)).run().probability[0];
-      sum += p, squares += p * p;
-    }
-    const double mean = sum / kRepetitions;
-    const double error = std::sqrt((squares / kRepetitions - mean * mean) / kRepetitions);
-    EXPECT_NEAR(mean, exact_walk(goal), 4 * error) << goal;
-    EXPECT_LT(error, 0.3 * mean) << goal;
+    const Repeated found = split_often(Walk{goal}, 100, 200);
+    EXPECT_NEAR(found.mean, exact_walk(goal), 4 * found.error) << goal;
+    EXPECT_LT(found.error, 0.3 * found.mean) << goal;
   }
 }
 
@@ -87,18 +94,9 @@ struct WeighedWalk : Walk {
 };
 
 TEST(Splitting, WeighsBeginningsThatAreDrawnMoreOftenThanTheyAre) {
-  const WeighedWalk walk{{14}};
-  double sum = 0, squares = 0;
-  constexpr int kRepetitions = 200;
-  for (int i = 0; i < kRepetitions; ++i) {
-    SplittingOptions options;
-    options.particles = 100;
-    const double p = Splitting<WeighedWalk>(walk, options, static_cast<std::uint64_t>(i)).run().probability[0];
-    sum += p / kRepetitions, squares += p * p / kRepetitions;
-  }
-  const double error = std::sqrt((squares - sum * sum) / kRepetitions);
-  EXPECT_NEAR(sum, 0.99 * exact_walk(14) + 0.01 * exact_walk(8), 4 * error);
-  EXPECT_LT(error, 0.1 * sum);
+  const Repeated found = split_often(WeighedWalk{{14}}, 100, 200);
+  EXPECT_NEAR(found.mean, 0.99 * exact_walk(14) + 0.01 * exact_walk(8), 4 * found.error);
+  EXPECT_LT(found.error, 0.1 * found.mean);
 }
 
 // Nothing is above a level where all scores are equal.
@@ -144,26 +142,12 @@ std::uint64_t number_of(std::string_view code) {
 // The same event by plain counting and by splitting with few particles.
 TEST(MisleadingFlights, SplittingAgreesWithCountingWhereBothSee) {
   const FaultFlight flight(stored_looks(), repeats(), fault_kind("unchecked_pairs"), {}, FaultFlight::misleading);
-  CountedShare counted;
-  for (int i = 0; i < 2000; ++i) {
-    Random random(static_cast<std::uint64_t>(i));
-    FaultFlight::State state = flight.begin(random);
-    while (!flight.ended(state)) flight.advance(state, random);
-    ++counted.of;
-    counted.count += state.events[FaultFlight::misleading] ? 1 : 0;
-  }
+  const CountedShare counted{count_flights(flight, 2000, 0).misleading, 2000};
   ASSERT_GT(counted.count, 10);
-  double sum = 0, squares = 0;
-  constexpr int kRepetitions = 16;
-  for (std::uint64_t i = 0; i < kRepetitions; ++i) {
-    SplittingOptions options;
-    options.particles = 60;
-    const double p = Splitting<FaultFlight>(flight, options, 1000 + i).run().probability[FaultFlight::misleading];
-    sum += p / kRepetitions, squares += p * p / kRepetitions;
-  }
-  const double error = 2 * std::sqrt((squares - sum * sum) / kRepetitions);
-  EXPECT_GT(sum + error, counted.lower());
-  EXPECT_LT(sum - error, counted.upper());
+  static_assert(FaultFlight::misleading == 0);
+  const Repeated found = split_often(flight, 60, 16, 1000);
+  EXPECT_GT(found.mean + 2 * found.error, counted.lower());
+  EXPECT_LT(found.mean - 2 * found.error, counted.upper());
 }
 
 // A wide start is what misleads most flights: weighed counts of wide starts, and counts of starts as they are.
@@ -250,7 +234,7 @@ TEST(MisleadingFlights, StayWithinTheirBounds) {
       const SplitRecord r = split(stored_looks(), repeats(), run, number_of(bound.fault) + i * fault_kinds().size());
       ASSERT_EQ(r.fault, bound.fault);
       misleading.push_back(r.misleading), hazardous.push_back(r.hazardous);
-      looks_seen += r.looks, usable += r.usable;
+      looks_seen += r.plain.looks, usable += r.plain.usable;
     }
     EXPECT_LE(estimate_of(misleading).mean, bound.misleading) << bound.fault;
     EXPECT_LE(estimate_of(hazardous).mean, bound.hazardous) << bound.fault;
@@ -269,8 +253,7 @@ SplitRecord made_up(std::uint64_t index, std::string_view fault) {
   record.fault = fault;
   record.misleading = {12, 1e-3, 2e-3};
   record.hazardous = {30, 1e-5, 4e-6};
-  record.plain = 400, record.plain_misleading = 1;
-  record.looks = 9000, record.usable = 8000, record.usable_30 = 500;
+  record.plain = {400, 1, 0, 9000, 8000, 500};
   return record;
 }
 
@@ -293,6 +276,26 @@ TEST(SplittingResults, WhatIsNoLineIsAnError) {
   EXPECT_THROW(split_record_of(line(made_up(3, "gremlins"))), Error);
   EXPECT_THROW(split_record_of(whole.substr(0, whole.size() - 1) + ",9"), Error);
   EXPECT_THROW(split_record_of(""), Error);
+}
+
+TEST(PlainFlights, ALineIsAThousandFlightsOfItsFaultAndComesBackAsItWas) {
+  const std::uint64_t index = number_of("start_2000") + fault_kinds().size();
+  const PlainFlights counted = count_plain(stored_looks(), repeats(), {.seed = kJudgeSeed}, index);
+  EXPECT_EQ(counted.fault, "start_2000");
+  EXPECT_EQ(counted.counts.flights, kFlightsInALine);
+  EXPECT_GT(counted.counts.looks, 50 * kFlightsInALine);
+  EXPECT_LE(counted.counts.hazardous, counted.counts.misleading);
+  EXPECT_EQ(line(plain_flights_of(line(counted))), line(counted));
+  const std::string whole = line(counted);
+  for (const std::string& broken : {whole.substr(0, whole.size() / 2), whole + ",9", std::string()}) {
+    EXPECT_THROW(plain_flights_of(broken), Error) << broken;
+  }
+}
+
+TEST(PlainFlights, TheTableAddsUpTheLinesOfAFault) {
+  std::map<std::uint64_t, PlainFlights> counted;
+  for (std::uint64_t i = 0; i < 3; ++i) counted[i] = {i, "clouds", {1000, 2, 1, 90'000, 50'000, 100}};
+  EXPECT_THAT(plain_table(counted), testing::HasSubstr("| clouds | 3000 | 6 | 3 | 0.00021 to 0.0029 |"));
 }
 
 TEST(SplittingResults, AFileOfAnotherSeedOrOfAnotherKindIsRejected) {

@@ -1,0 +1,91 @@
+#include "plain_flights.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <sstream>
+
+#include "base/error.hpp"
+#include "counted_share.hpp"
+
+namespace nadir::bench {
+
+void FlightCounts::add(const FlightCounts& more) {
+  flights += more.flights, misleading += more.misleading, hazardous += more.hazardous;
+  looks += more.looks, usable += more.usable, usable_30 += more.usable_30;
+}
+
+FlightCounts count_flights(const FaultFlight& flight, int flights, std::uint64_t seed) {
+  FlightCounts counts;
+  for (int i = 0; i < flights; ++i) {
+    Random random(hash_of(seed, i));
+    FaultFlight::State end = flight.begin(random);
+    while (!flight.ended(end)) flight.advance(end, random);
+    counts.add({1, end.events[FaultFlight::misleading] ? 1 : 0, end.events[FaultFlight::hazardous] ? 1 : 0, end.looks,
+                end.usable, end.usable_30});
+  }
+  return counts;
+}
+
+std::string FlightsRun::text() const {
+  return fmt::format("{:g} minutes, alert limit {:g} m, risk {:g}, looks {} ({}), repeats {}", limits.minutes,
+                     limits.alert_limit_m, limits.integrity_risk, looks_sha256.substr(0, 16), looks_origin,
+                     repeats_sha256.substr(0, 16));
+}
+
+std::string plain_header(const FlightsRun& run) {
+  return fmt::format(
+      "# nadir bench plain flights, base seed {}, {} a line, {}\n"
+      "index,fault,flights,misleading,hazardous,looks,usable,usable_30\n",
+      run.seed, kFlightsInALine, run.text());
+}
+
+std::string line(const PlainFlights& f) {
+  return fmt::format("{},{},{},{},{},{},{},{}\n", f.index, f.fault, f.counts.flights, f.counts.misleading,
+                     f.counts.hazardous, f.counts.looks, f.counts.usable, f.counts.usable_30);
+}
+
+PlainFlights plain_flights_of(const std::string& text) {
+  std::istringstream in(text);
+  PlainFlights f;
+  FlightCounts& c = f.counts;
+  char comma = 0;
+  in >> f.index >> comma;
+  std::getline(in, f.fault, ',');
+  in >> c.flights >> comma >> c.misleading >> comma >> c.hazardous >> comma >> c.looks >> comma >> c.usable >> comma >>
+      c.usable_30;
+  const bool known = std::ranges::any_of(fault_kinds(), [&](const FaultKind& k) { return k.code == f.fault; });
+  if (!in || !(in >> std::ws).eof() || !known) {
+    throw Error({.what = "a line of results cannot be read",
+                 .expected = "eight cells, the second one names a fault",
+                 .found = text});
+  }
+  return f;
+}
+
+PlainFlights count_plain(const MeasuredLooks& looks, const RepeatRates& repeats, const FlightsRun& run,
+                         std::uint64_t index) {
+  const FaultKind& kind = fault_kinds()[index % fault_kinds().size()];
+  const FaultFlight flight(looks, repeats, kind, run.limits, FaultFlight::hazardous);
+  return {index, kind.code,
+          count_flights(flight, kFlightsInALine, hash_of(run.seed, static_cast<std::int64_t>(index)))};
+}
+
+std::string plain_table(const std::map<std::uint64_t, PlainFlights>& counted) {
+  std::map<std::string, FlightCounts> sums;
+  for (const auto& [index, flights] : counted) sums[flights.fault].add(flights.counts);
+  std::string table =
+      "| fault | flights | misleading | hazardous | P(hazardous), 95 % |\n"
+      "|---|---|---|---|---|\n";
+  for (const FaultKind& kind : fault_kinds()) {
+    const auto found = sums.find(kind.code);
+    if (found == sums.end()) continue;
+    const FlightCounts& c = found->second;
+    const CountedShare hazardous{c.hazardous, c.flights};
+    table += fmt::format("| {} | {} | {} | {} | {:.2g} to {:.2g} |\n", kind.name, c.flights, c.misleading, c.hazardous,
+                         hazardous.lower(), hazardous.upper());
+  }
+  return table;
+}
+
+}  // namespace nadir::bench
