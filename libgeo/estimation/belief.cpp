@@ -153,6 +153,8 @@ void PlaceBelief::bring_places_to(const Eigen::Matrix2d& track_covariance_m2) {
   std::erase_if(places_, [&](Place& place) {
     place.covariance_m2 = grown_m2(place, track_covariance_m2);
     place.track_variance_m2 = track_covariance_m2.trace() / 2;
+    const bool possible = chi2_of(place.offset_m, track_covariance_m2 + place.covariance_m2) <= kChi2_95;
+    if (anchored_ && possible) place.contradicts = false;
     // A track that is not known at all is no place.
     const bool is_track = track_.total() > 0 && !place.contradicts &&
                           same_place(place.offset_m, place.covariance_m2, track_covariance_m2);
@@ -230,12 +232,14 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
   looks_at_ground_ = 1 + (1 - look.new_ground) * looks_at_ground_;
   bring_places_to(track.covariance_m2);
 
-  const Weighing weighing = weigh(look, track);
+  if (!track.stands) track_footprints_ = 0;
+  Weighing weighing = weigh(look, track);
   learn_detection(weighing, look.new_ground);
   LookResult result;
   result.chi2 = weighing.track.chi2;
   if (look.candidate) {
     const bool contradicts = track.stands && !hinted_ && result.chi2 > kChi2_999;
+    share_with_displaced_map(weighing, contradicts);
     decide(weighing, contradicts, result);
     move_hits_to(*look.candidate, weighing, contradicts, track, look.new_ground, result.accepted);
   }
@@ -293,13 +297,25 @@ void PlaceBelief::learn_detection(const Weighing& weighing, double new_ground) {
   detection_looks_ += new_ground * (found + missed) / weighing.total;
 }
 
-void PlaceBelief::decide(const Weighing& weighing, bool contradicts, LookResult& result) const {
-  double hits = weighing.track.hit + (contradicts ? kDisplacedMapShare : 1) * weighing.elsewhere.hit;
-  double beside = weighing.track.beside;
+void PlaceBelief::share_with_displaced_map(Weighing& weighing, bool contradicts) {
+  const auto share = [this](Seen& seen, Weight& weight) {
+    const double shared = kDisplacedMapShare * seen.hit;
+    seen.hit -= shared;
+    weight.visible -= shared;
+    track_.hidden += shared;
+  };
+  if (contradicts) share(weighing.elsewhere, elsewhere_);
   for (std::size_t i = 0; i < places_.size(); ++i) {
-    const double counted = places_[i].contradicts ? kDisplacedMapShare : 1;
-    hits += counted * weighing.places[i].hit;
-    beside += counted * weighing.places[i].beside;
+    if (places_[i].contradicts) share(weighing.places[i], places_[i].weight);
+  }
+}
+
+void PlaceBelief::decide(const Weighing& weighing, bool contradicts, LookResult& result) const {
+  double hits = weighing.track.hit + (contradicts ? 0 : weighing.elsewhere.hit), beside = weighing.track.beside;
+  for (std::size_t i = 0; i < places_.size(); ++i) {
+    if (places_[i].contradicts) continue;
+    hits += weighing.places[i].hit;
+    beside += weighing.places[i].beside;
   }
   result.place_doubt = std::max(0.0, 1 - (hits + beside) / weighing.total);
   result.association_doubt = hits > 0 ? beside / (hits + beside) : 1;
@@ -322,13 +338,14 @@ void PlaceBelief::move_hits_to(const LookCandidate& candidate, const Weighing& w
     at = places_[target];
     at.of_hint = false;
     measure(at, from_track_m, candidate.covariance_m2);
-    at.footprints += new_ground;
-    if (anchored_ && at.footprints >= kOverrulingFootprints) at.contradicts = false;
   } else if (weighing.track.hit > weighing.elsewhere.hit) {
     at.offset_m.setZero();
     at.covariance_m2 = track.covariance_m2;
     measure(at, from_track_m, candidate.covariance_m2);
   }
+  at.footprints += new_ground;
+  const bool outdoes = at.footprints >= kOverrulingFootprints && track_footprints_ < kOverrulingFootprints;
+  if (anchored_ && outdoes) at.contradicts = false;
 
   at.weight = {weighing.track.hit + weighing.elsewhere.hit, 0, 0};
   track_.visible -= weighing.track.hit;
@@ -341,6 +358,7 @@ void PlaceBelief::move_hits_to(const LookCandidate& candidate, const Weighing& w
     // What is left of the track: the candidate was a chance peak, and the track is where it was.
     add({track_, Eigen::Vector2d::Zero(), track.covariance_m2, 0, false, 0});
     track_ = at.weight;
+    track_footprints_ = (weighing.track.chi2 > kChi2_999 ? 0 : track_footprints_) + new_ground;
     anchored_ = true;
     hinted_ = false;
   } else {

@@ -35,9 +35,13 @@
 // before has 1 - 1/n of its weight left, and of what none has hit yet hit / n is at the candidate from now on, both to
 // the power of 1 - s.
 //
-// A displaced map cannot be distinguished from a wrong track by looking at that map. A place that contradicts a track
-// which nothing else contradicts (a start that was given; odometry that leads on from an anchor without a break) counts
-// half: the other half is the track, over a displaced map.
+// A displaced map cannot be distinguished from a wrong track by looking at that map. So a place that contradicts a
+// track which nothing else contradicts (a start that was given; odometry that leads on from an anchor without a break)
+// does not move it, and a share of what hits it stays with the track, over a displaced map: the level holds both, and
+// where the map is right again so is the track. An anchored track ends this when it has grown so uncertain that the
+// place is inside its 95 % ellipse; or when kOverrulingFootprints of ground support the place, where fewer supported
+// the track since it last moved against its own prediction. So few may be an accident of the matcher, so many are none:
+// where both have them a map is displaced, here or there.
 //
 // Decision. The track moves to z when all but kMaxPlaceDoubt of the weight is there: hits, and what lies within
 // kHarmless_m of z, where the next look searches as well; and when z is then no chance peak beside the truth but for
@@ -161,8 +165,8 @@ class PlaceBelief {
     Eigen::Vector2d offset_m;       // from the track
     Eigen::Matrix2d covariance_m2;  // when it was last seen …
     double track_variance_m2;       // … and the track's then
-    bool contradicts = false;       // a track that stands: counts half …
-    double footprints = 0;          // of ground that supported it: in the end they overrule an earlier anchor
+    bool contradicts = false;       // a track that stands: does not move it
+    double footprints = 0;          // of ground that supported it
     bool of_hint = false;           // no look has hit it
   };
   // As the track's covariance has grown since.
@@ -191,6 +195,7 @@ class PlaceBelief {
   void bring_places_to(const Eigen::Matrix2d& track_covariance_m2);
   Weighing weigh(const Look& look, const TrackPrediction& track);
   void learn_detection(const Weighing& weighing, double new_ground);
+  void share_with_displaced_map(Weighing& weighing, bool contradicts);
   void decide(const Weighing& weighing, bool contradicts, LookResult& result) const;
   void move_hits_to(const LookCandidate& candidate, const Weighing& weighing, bool contradicts,
                     const TrackPrediction& track, double new_ground, bool accepted);
@@ -204,10 +209,11 @@ class PlaceBelief {
   void add(const Place& added);
 
   PlaneBox area_;
-  bool position_given_;         // a start, or a hint
-  bool anchored_ = false;       // the track has moved to a candidate
-  double looks_at_ground_ = 0;  // at what the last frame showed
-  bool hinted_ = false;         // since the last anchor
+  bool position_given_;          // a start, or a hint
+  bool anchored_ = false;        // the track has moved to a candidate
+  double track_footprints_ = 0;  // of ground that supported the track since odometry last broke
+  double looks_at_ground_ = 0;   // at what the last frame showed
+  bool hinted_ = false;          // since the last anchor
   // P_D = hits / looks at ground that the map shows, with those of the prior.
   double detection_hits_, detection_looks_;
   Weight track_, elsewhere_;

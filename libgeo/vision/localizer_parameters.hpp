@@ -553,9 +553,9 @@ inline constexpr double kMaxPlaceDoubt = 1e-3;        // of the weight may be el
 inline constexpr double kMaxAssociationDoubt = 5e-2;  // a chance peak beside the truth, within the prediction; chosen
 // Of a place beside the candidate: half of the least window, so that the next look searches it as well. Chosen.
 inline constexpr double kHarmless_m = 30;
-inline constexpr double kDisplacedMapShare = 0.5;  // of a place that contradicts the track; geometry of ignorance
+inline constexpr double kDisplacedMapShare = 0.01;  // of the hits of a place that contradicts the track; chosen
 inline constexpr double kOverrulingFootprints =
-    6;                                        // of ground that contradicts an anchor alike; [safety 164, 244, 305]
+    6;                                        // of ground that is no accident of the matcher; [safety 164, 244, 305]
 inline constexpr double kSharp_m = 20;        // one axis: an anchor within such a prediction confirms it
 inline constexpr double kChi2_95 = 5.991;     // of χ² with two degrees of freedom
 inline constexpr double kChi2_999 = 13.816;   // likewise, 99.9 %

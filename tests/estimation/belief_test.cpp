@@ -297,6 +297,39 @@ TEST(Belief, AnEarlierAnchorIsOverruledAfterSomeFootprints) {
   EXPECT_GE(looks, kOverrulingFootprints);
 }
 
+// What many footprints of ground supported was no accident of the matcher: one of two scenes is displaced, and which
+// one nobody on board can know. Where the first one is seen again, the track is.
+TEST(Belief, WhatMuchGroundSupportedIsNotOverruledByADisplacedMap) {
+  LookFlight flight = known_start();
+  for (int i = 0; i < 2 * kOverrulingFootprints; ++i) ASSERT_TRUE(flight.fly(Eigen::Vector2d(0, 0), 8).accepted) << i;
+  const auto level_m = [&] {
+    return flight.belief.protection_level_m(circle(8), kIntegrityRisk, circle(0)).value_or(1e9);
+  };
+  ASSERT_LT(level_m(), 60);
+  for (int i = 0; i < 50; ++i) {
+    flight.belief.propagate(8);
+    EXPECT_FALSE(flight.fly(Eigen::Vector2d(100, 60), 8).accepted) << i;
+    if (i >= 3) {
+      EXPECT_GT(level_m(), 117) << i;
+    }
+  }
+  int looks = 1;
+  while (!flight.fly(Eigen::Vector2d(0, 0), 8).accepted) ASSERT_LT(++looks, 4);
+}
+
+// As odometry goes on, the track may come to be there.
+TEST(Belief, APlaceInsideTheGrownEllipseOfTheTrackContradictsItNoLonger) {
+  LookFlight flight = known_start();
+  for (int i = 0; i < 2 * kOverrulingFootprints; ++i) ASSERT_TRUE(flight.fly(Eigen::Vector2d(0, 0), 8).accepted) << i;
+  for (int i = 0; i < 20; ++i) {
+    flight.belief.propagate(8);
+    EXPECT_FALSE(flight.fly(Eigen::Vector2d(0, 60), 8).accepted) << i;
+  }
+  flight.sigma_m = 40;
+  int looks = 1;
+  while (!flight.fly(Eigen::Vector2d(0, 60), 8).accepted) ASSERT_LT(++looks, 4);
+}
+
 // Of a place hundreds of metres wide a weak candidate near the track is hardly a part: what is left of a flight that
 // was lost stays as wide as it was, and so does the level.
 TEST(Belief, AWeakCandidateDoesNotCarryAWidePlaceAway) {
