@@ -3,8 +3,10 @@
 #include <unistd.h>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
 
 #include "base/error.hpp"
 #include "recorder/mcap_writer.hpp"
@@ -14,7 +16,11 @@ namespace nadir {
 namespace fs = std::filesystem;
 namespace {
 
-std::vector<Segment> segments_at(const fs::path& path) {
+bool holds(std::span<const Stream> streams, Stream stream) {
+  return std::find(streams.begin(), streams.end(), stream) != streams.end();
+}
+
+std::vector<Segment> segments_at(const fs::path& path, std::span<const Stream> streams) {
   std::error_code error;
   if (!fs::is_directory(path, error)) {
     Segment file{.path = path, .number = 0, .stream = Stream::flight, .bytes = FileSource(path).size()};
@@ -31,6 +37,7 @@ std::vector<Segment> segments_at(const fs::path& path) {
                  .expected = "files such as 000001.flight.mcap",
                  .fix = "give the folder that the recorder wrote into, or a single MCAP file"});
   }
+  std::erase_if(segments, [&](const Segment& segment) { return !holds(streams, segment.stream); });
   return segments;
 }
 
@@ -67,9 +74,10 @@ void read_segment(SegmentContents& segment, const RecordHandler& handler) {
 
 }  // namespace
 
-std::vector<SegmentContents> read_recording(const fs::path& path, const RecordHandler& handler) {
+std::vector<SegmentContents> read_recording(const fs::path& path, const RecordHandler& handler,
+                                            std::span<const Stream> streams) {
   std::vector<SegmentContents> segments;
-  for (Segment& segment : segments_at(path)) {
+  for (Segment& segment : segments_at(path, streams)) {
     SegmentContents& contents = segments.emplace_back();
     contents.segment = std::move(segment);
     read_segment(contents, handler);
@@ -84,6 +92,26 @@ std::vector<std::string> sessions_of(const std::vector<SegmentContents>& segment
     if (std::find(ids.begin(), ids.end(), segment.session->id) == ids.end()) ids.push_back(segment.session->id);
   }
   return ids;
+}
+
+std::string chosen_session(const fs::path& recording, const std::optional<std::string>& requested,
+                           UnlessRequested otherwise) {
+  const std::array flight{Stream::flight};
+  const std::vector<std::string> ids = sessions_of(read_recording(
+      recording, [](const Recorded&) {}, flight));
+  if (ids.empty()) {
+    throw UsageError({.what = "the recording has no session",
+                      .where = recording,
+                      .expected = "a file that begins with one",
+                      .fix = "nothing was recorded, or its beginning is damaged: nadir recorder verify tells"});
+  }
+  if (requested && std::find(ids.begin(), ids.end(), *requested) != ids.end()) return *requested;
+  if (!requested && (ids.size() == 1 || otherwise == UnlessRequested::newest)) return ids.back();
+  throw UsageError({.what = requested ? "the recording has no such session" : "the session is ambiguous",
+                    .where = recording,
+                    .expected = fmt::format("--session with one of: {}", fmt::join(ids, ", ")),
+                    .found = requested.value_or("none"),
+                    .fix = "nadir recorder info lists the sessions"});
 }
 
 std::uint64_t missing_records(const std::vector<SegmentContents>& segments, std::string_view session, Topic topic) {

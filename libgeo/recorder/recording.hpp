@@ -7,6 +7,7 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -41,11 +42,20 @@ struct Recorded {
 
 using RecordHandler = std::function<void(Recorded recorded)>;
 
-// path: a folder as the recorder writes it, or any MCAP file. Throws Error when there is nothing of the kind.
-std::vector<SegmentContents> read_recording(const std::filesystem::path& path, const RecordHandler& handler);
+// path: a folder as the recorder writes it, or any MCAP file. streams: of a folder, those that are read. Throws Error
+// when there is nothing of the kind.
+std::vector<SegmentContents> read_recording(const std::filesystem::path& path, const RecordHandler& handler,
+                                            std::span<const Stream> streams = kStreams);
 
 // The sessions' ids in the order of their first segments.
 std::vector<std::string> sessions_of(const std::vector<SegmentContents>& segments);
+
+enum class UnlessRequested { only, newest };
+
+// The session to read: `requested`; without that the only one, or the newest. Throws UsageError when there is no such
+// one, or several where one alone will do.
+std::string chosen_session(const std::filesystem::path& recording, const std::optional<std::string>& requested,
+                           UnlessRequested otherwise = UnlessRequested::only);
 
 // How many records of a topic a session lost between the others: gaps in their sequence numbers.
 std::uint64_t missing_records(const std::vector<SegmentContents>& segments, std::string_view session, Topic topic);

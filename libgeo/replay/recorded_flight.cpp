@@ -1,7 +1,6 @@
 #include "replay/recorded_flight.hpp"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -103,17 +102,6 @@ void check_pictures(const RecordedFlight& recorded, const std::vector<InputRecor
 }
 
 }  // namespace
-
-std::string chosen_session(const fs::path& recording, const std::optional<std::string>& requested) {
-  const std::vector<std::string> ids = sessions_of(read_recording(recording, [](const Recorded&) {}));
-  if (requested && std::find(ids.begin(), ids.end(), *requested) != ids.end()) return *requested;
-  if (ids.size() == 1 && !requested) return ids.front();
-  throw UsageError({.what = ids.empty() ? "the recording has no session" : "the session is ambiguous",
-                    .where = recording,
-                    .expected = fmt::format("--session with one of: {}", fmt::join(ids, ", ")),
-                    .found = requested.value_or("none"),
-                    .fix = "nadir recorder info lists the sessions"});
-}
 
 RecordedFlight read_recorded_flight(const RecordedFlightSource& source) {
   const std::string id = chosen_session(source.recording, source.session);

@@ -60,9 +60,6 @@ struct RecordedFlightSource {
   std::filesystem::path unpacked;               // folder for images out of the recording
 };
 
-// `requested`, or the only session. Throws UsageError when that is ambiguous.
-std::string chosen_session(const std::filesystem::path& recording, const std::optional<std::string>& requested);
-
 // Rejects: several sessions and none chosen, no inputs, images that are missing or not those of the flight.
 RecordedFlight read_recorded_flight(const RecordedFlightSource& source);
 

@@ -13,7 +13,6 @@
 #include "geodesy/angles.hpp"
 #include "geodesy/local_frame.hpp"
 #include "recorder/recording.hpp"
-#include "replay/recorded_flight.hpp"
 
 namespace nadir {
 namespace {
