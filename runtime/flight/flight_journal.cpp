@@ -39,7 +39,10 @@ void FlightJournal::on_event(double time_s, const OnboardEvent& event) {
 
 void FlightJournal::note(double time_s, EventSeverity severity, const std::string& kind, const std::string& text) {
   add(time_s, severity, kind, text);
-  if (recorder_ != nullptr) recorder_->record(HealthRecord{severity == EventSeverity::info, {}, {kind + ": " + text}});
+  if (recorder_ == nullptr) return;
+  HealthRecord record{severity == EventSeverity::info, {}, {kind + ": " + text}};
+  if (severity == EventSeverity::critical) record.measures.emplace_back(kAlarmMeasure, 1);
+  recorder_->record(std::move(record));
 }
 
 void FlightJournal::add(double time_s, EventSeverity severity, const std::string& kind, const std::string& text) {

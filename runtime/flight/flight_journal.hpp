@@ -17,6 +17,9 @@ namespace nadir {
 
 EventSeverity severity_of(OperatorSeverity severity);
 
+// Tells a recorded note that was critical from a warning: both are unhealthy.
+inline constexpr const char* kAlarmMeasure = "alarm";
+
 class FlightJournal {
  public:
   // recorder: may be null, must outlive this.
