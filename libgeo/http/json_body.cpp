@@ -39,6 +39,12 @@ std::optional<int> BodyFields::optional_integer(const char* name, int low, int h
   return integer(name, low, high);
 }
 
+std::optional<bool> BodyFields::optional_boolean(const char* name) {
+  std::optional<bool> value;
+  if (find(name)) collect([&] { value = in_.boolean(name); });
+  return value;
+}
+
 std::string BodyFields::text(const char* name, JsonLength bytes) {
   if (auto found = optional_text(name, bytes)) return *std::move(found);
   if (!in_.has(name)) note(name, "is missing");

@@ -40,6 +40,7 @@ class BodyFields {
   double number(const char* name, NumberRange range);
   int integer(const char* name, int low, int high);
   std::optional<int> optional_integer(const char* name, int low, int high);
+  std::optional<bool> optional_boolean(const char* name);
   std::string text(const char* name, JsonLength bytes);
   std::optional<std::string> optional_text(const char* name, JsonLength bytes);
   std::optional<std::string> optional_word(const char* name, std::initializer_list<std::string_view> choices);

@@ -140,6 +140,11 @@ WatchedStatus parse_watched_status(std::string_view json_text) {
   status.gps_reason = text(gps, "reason");
   status.recorder = text(recorder, "state");
   status.recorder_reason = text(recorder, "reason");
+  status.playback = in.has("playback") && !in.is_null("playback");
+  if (status.playback) {
+    const JsonReader playback = in.object("playback");
+    if (!playback.is_null("recorded")) status.recorded = text(playback, "recorded");
+  }
   status.events = event_list(in, "events");
   status.alarms = event_list(in, "alarms");
   return status;

@@ -53,6 +53,8 @@ struct WatchedStatus {
   std::uint64_t fixes_sent = 0, link_rejected = 0;
   std::string gps, gps_reason, recorder, recorder_reason;
   std::vector<WatchedEvent> events, alarms;  // oldest first
+  bool playback = false;                     // a recording, of the time `recorded` where that is known
+  std::string recorded;
 
   bool stalled() const { return age_s > 2; }  // the flight thread is silent: nothing here is current
 };

@@ -83,6 +83,10 @@ std::string link_of(const WatchedStatus& status) {
                      status.link_rejected, silent ? ", silent for " + short_duration(*status.link_age_s) : "");
 }
 
+std::string playback_of(const WatchedStatus& status) {
+  return fmt::format("RECORDING{}: this is no flight", status.recorded.empty() ? "" : " of " + status.recorded);
+}
+
 std::string row(const char* name, const std::string& value) { return fmt::format("{:<12}{}", name, value); }
 
 std::string event_line(const WatchedEvent& event) {
@@ -98,6 +102,7 @@ std::vector<std::string> status_screen(const WatchedStatus& status, bool colour)
   const std::string head = colour ? fmt::format("{} {} {}", colour_of(status), name, kNormal) : name;
   std::vector<std::string> lines{
       fmt::format("{}  for {}  {}", head, short_duration(status.state_for_s), status.reason)};
+  if (status.playback) lines.push_back(playback_of(status));
   if (status.stalled()) {
     lines.push_back(fmt::format("STALE: the flight thread has been silent for {}", short_duration(status.age_s)));
   }
@@ -126,12 +131,12 @@ std::vector<std::string> status_screen(const WatchedStatus& status, bool colour)
 
 std::string status_line(const WatchedStatus& status) {
   return fmt::format(
-      "{}{}, {}, sigma {}, protection level {}{}, anchor {}, {:.1f} frames/s ({} dropped), anchors {} accepted, {} "
+      "{}{}{}, {}, sigma {}, protection level {}{}, anchor {}, {:.1f} frames/s ({} dropped), anchors {} accepted, {} "
       "rejected, GPS {}, recorder {}",
-      status.stalled() ? "STALE: " : "", status.state, status.source, known(status.sigma_m, "{:.1f} m", "none"),
-      known(status.hpl_m, "{:.1f} m", "none"), status.usable ? "" : " (NOT USABLE)",
-      known(status.anchor_age_s, "{:.1f} s ago", "none"), status.frames_per_s, status.frames_dropped,
-      status.anchors_accepted, status.anchors_rejected, status.gps, status.recorder);
+      status.playback ? "RECORDING: " : "", status.stalled() ? "STALE: " : "", status.state, status.source,
+      known(status.sigma_m, "{:.1f} m", "none"), known(status.hpl_m, "{:.1f} m", "none"),
+      status.usable ? "" : " (NOT USABLE)", known(status.anchor_age_s, "{:.1f} s ago", "none"), status.frames_per_s,
+      status.frames_dropped, status.anchors_accepted, status.anchors_rejected, status.gps, status.recorder);
 }
 
 using Steady = std::chrono::steady_clock;
@@ -220,7 +225,7 @@ int show_once(const NadirdClient& service, std::ostream& out, bool as_json) {
   } else {
     for (const std::string& line : status_screen(status, false)) out << line << '\n';
   }
-  return status.stalled() || !status.lat_deg ? kRefused : kAccepted;
+  return status.playback || status.stalled() || !status.lat_deg ? kRefused : kAccepted;
 }
 
 void keep_showing(const NadirdClient& service, std::ostream& out, WatchForm form, double interval_s) {

@@ -13,7 +13,8 @@ enum class WatchForm {
   json,    // one document per line
 };
 
-// Exit code: 0, or 1 when there is no position or the flight thread is stalled. `nadird --status` is this.
+// Exit code: 0, or 1 when there is no position, the flight thread is stalled, or it is a recording that is played.
+// `nadird --status` is this.
 int show_once(const NadirdClient& service, std::ostream& out, bool as_json);
 
 // Throws Error when the first poll fails; later failures are shown and retried. Ends on Ctrl-C.

@@ -26,7 +26,8 @@ constexpr std::array kReadPaths{
     std::string_view("/v1/metrics"),  std::string_view("/v1/events"), std::string_view("/"),
     std::string_view("/page.css"),    std::string_view("/page.js"),   std::string_view("/leaflet.js"),
     std::string_view("/leaflet.css"), std::string_view("/v1/vectors")};
-constexpr std::array kWritePaths{std::string_view("/v1/hint"), std::string_view("/v1/object-location")};
+constexpr std::array kWritePaths{std::string_view("/v1/hint"), std::string_view("/v1/object-location"),
+                                 std::string_view("/v1/playback")};
 
 template <typename List>
 bool holds(const List& list, std::string_view path) {
@@ -122,6 +123,7 @@ ApiResponse Api::route(const ApiRequest& request, const ServerCounts& server) co
   }
   if (path == "/v1/hint") return take_hint(request);
   if (path == "/v1/object-location") return object_location(request);
+  if (path == "/v1/playback") return control_playback(request);
   if (path == "/page.css") return page_answer(page::style, "text/css; charset=utf-8");
   if (path == "/page.js")
     return page_answer(fmt::format("{}{}{}{}", page::dom, map_page::calls, map_page::base_map, page::script),
@@ -136,8 +138,15 @@ ApiResponse Api::route(const ApiRequest& request, const ServerCounts& server) co
   return tile_answer(package()->tiles.get(), path.substr(kTiles.size()));
 }
 
+// A recording is never fit for anything, whatever it shows.
 ApiResponse Api::health() const {
   const auto view = board_.snapshot();
+  if (view->playback) {
+    return without_cache(json_answer(503, {{"status", "fail"},
+                                           {"state", name_of(view->state.state)},
+                                           {"reason", "a recording is played: this is no flight"},
+                                           {"age_s", 0}}));
+  }
   const double age = age_s(*view);
   const bool stalled = view->version == 0 || age > options_.stalled_after_s;
   const ServiceState state = view->state.state;
@@ -169,7 +178,24 @@ ApiResponse Api::state() const {
   return response;
 }
 
+ApiResponse Api::control_playback(const ApiRequest& request) const {
+  const auto view = board_.snapshot();
+  if (!options_.control_playback || !view->playback) {
+    return answer({.status = 409,
+                   .type = "no-recording",
+                   .detail = "no recording is played here: nadird --play RECORDING plays one"});
+  }
+  const auto parsed = parse_playback(request, view->playback->length_s);
+  if (const auto* problem = std::get_if<Problem>(&parsed)) return answer(*problem);
+  return json_answer(200, playback_json(options_.control_playback(std::get<PlaybackRequest>(parsed))));
+}
+
 ApiResponse Api::take_hint(const ApiRequest& request) const {
+  if (board_.snapshot()->playback) {
+    return answer({.status = 409,
+                   .type = "recording",
+                   .detail = "a recording is played: no hint changes where that aircraft was"});
+  }
   const auto parsed = parse_hint(request);
   if (const auto* problem = std::get_if<Problem>(&parsed)) return answer(*problem);
   const auto allowed = [&] {

@@ -30,11 +30,13 @@ struct ApiPackage {
 
 struct ApiOptions {
   std::function<double()> now_s;  // the clock of FlightView::time_s
-  std::optional<Sha256> token;    // digest of the bearer token that every call under /v1/ must bring
+  std::optional<Sha256> token{};  // digest of the bearer token that every call under /v1/ must bring
   // Digest of the one that a hint must bring where the others need none. nullopt: none.
   std::optional<Sha256> hint_token{};
   bool loopback = true;        // then the Host must be a loopback name, against DNS rebinding
   double stalled_after_s = 2;  // without a new view for so long /v1/health reports a stall
+  // Changes what a recording shows, and returns what it will be: from the server's thread. Null: this is a flight.
+  std::function<PlaybackView(const PlaybackRequest&)> control_playback{};
 };
 
 class Api final : public HttpHandler {
@@ -64,6 +66,7 @@ class Api final : public HttpHandler {
   ApiResponse health() const;
   ApiResponse state() const;
   ApiResponse take_hint(const ApiRequest& request) const;
+  ApiResponse control_playback(const ApiRequest& request) const;
   ApiResponse object_location(const ApiRequest& request) const;
 
   const FlightBoard& board_;

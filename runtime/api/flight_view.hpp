@@ -1,5 +1,6 @@
 // The state of the flight at one moment: the flight thread fills a FlightView and publishes it on the FlightBoard; the
-// API, the web page and `nadir watch` show what is in it and nothing else.
+// API, the web page and `nadir watch` show what is in it and nothing else. A recording that is played
+// (flight/playback.hpp) is shown by the same view.
 //
 // Times are seconds of the service's one monotonic clock, ages and durations are differences of them. Angles are in
 // radians, headings clockwise from true north, attitude as in vision/camera.hpp. What is not known is nullopt.
@@ -129,6 +130,16 @@ struct TrackPoint {
   SourceLabel source = SourceLabel::no_fix;
 };
 
+// A recording that is shown in place of a flight. Its times are seconds since its first record.
+struct PlaybackView {
+  std::string session{};
+  std::optional<UtcTime> recorded{};  // its first record; nothing: that of a replay, which has no date
+  double at_s = 0, length_s = 0;      // the moment that is shown, and the last one
+  bool playing = false;               // false: paused
+  int speed = 1;                      // seconds of the recording in a second
+  std::string notice{};               // what of it could not be read; empty: it is whole
+};
+
 struct FlightView {
   std::string boot_id;        // of this run of the service: letters and digits
   std::uint64_t version = 0;  // given by the FlightBoard: 1, 2, 3…
@@ -148,10 +159,11 @@ struct FlightView {
   GpsView gps;
   RecorderView recorder;
   PackageView package;
-  std::vector<FlightEvent> events;  // the last ones, oldest first (EventRing)
-  std::uint64_t events_gone = 0;    // the highest id that left the list to make room
-  std::vector<FlightEvent> alarms;  // the last critical ones, oldest first; other events do not displace them
-  std::vector<TrackPoint> track;    // the last minutes, oldest first (FlightTrail)
+  std::vector<FlightEvent> events;       // the last ones, oldest first (EventRing)
+  std::uint64_t events_gone = 0;         // the highest id that left the list to make room
+  std::vector<FlightEvent> alarms;       // the last critical ones, oldest first; other events do not displace them
+  std::vector<TrackPoint> track;         // the last minutes, oldest first (FlightTrail)
+  std::optional<PlaybackView> playback;  // nothing: this is a flight
 };
 
 // The history that readers see: the last events and the track of the last minutes. Bounded, so that a long flight

@@ -1,5 +1,8 @@
 #include "api/requests.hpp"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
@@ -114,6 +117,21 @@ std::variant<Hint, Problem> parse_hint(const ApiRequest& request) {
     hint.place.lon_deg = body.number("lon", {.low = -180, .high = 180});
     hint.radius_m = body.number("radius_m", {.low = 0, .high = kMaxHintRadius_m, .above_low = true});
     return hint;
+  });
+}
+
+std::variant<PlaybackRequest, Problem> parse_playback(const ApiRequest& request, double length_s) {
+  return read_body<PlaybackRequest>(request, [length_s](BodyFields& body, FieldErrors& errors) {
+    const PlaybackRequest wanted{
+        .playing = body.optional_boolean("playing"),
+        .speed = body.optional_integer("speed", kPlaybackSpeeds.front(), kPlaybackSpeeds.back()),
+        .at_s = body.optional_number("at_s", {.low = 0, .high = length_s})};
+    if (wanted.speed &&
+        std::find(kPlaybackSpeeds.begin(), kPlaybackSpeeds.end(), *wanted.speed) == kPlaybackSpeeds.end())
+      errors.push_back({"/speed", fmt::format("must be one of {}", fmt::join(kPlaybackSpeeds, ", "))});
+    if (errors.empty() && !wanted.playing && !wanted.speed && !wanted.at_s)
+      errors.push_back({"", "must have playing, speed or at_s"});
+    return wanted;
   });
 }
 

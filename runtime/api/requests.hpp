@@ -1,6 +1,8 @@
 // The bodies of POST: what they must hold, what is refused and why (all of it in one answer), and what follows.
 #pragma once
 
+#include <array>
+#include <optional>
 #include <variant>
 
 #include "api/flight_view.hpp"
@@ -19,6 +21,17 @@ struct Hint {
 
 // The body of POST /v1/hint: {"lat": …, "lon": …, "radius_m": …}, degrees.
 std::variant<Hint, Problem> parse_hint(const ApiRequest& request);
+
+// What is to change about a recording that is played.
+struct PlaybackRequest {
+  std::optional<bool> playing{};
+  std::optional<int> speed{};    // one of kPlaybackSpeeds
+  std::optional<double> at_s{};  // since the recording's first record
+};
+inline constexpr std::array kPlaybackSpeeds{1, 2, 4, 8, 16};  // seconds of the recording in a second
+
+// The body of POST /v1/playback: {"playing": true, "speed": 4, "at_s": 123.4}, at least one of them.
+std::variant<PlaybackRequest, Problem> parse_playback(const ApiRequest& request, double length_s);
 
 // The ground of the package in its plane. Null: flat ground around the aircraft.
 struct GroundModel {

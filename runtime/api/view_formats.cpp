@@ -114,7 +114,15 @@ json state_json(const FlightView& view, double age_s) {
                           {"free_bytes", view.recorder.free_bytes},
                           {"lost_records", view.recorder.lost_records}};
   document["map"] = {{"corrupt_tiles", view.package.corrupt_tiles}};
+  document["playback"] = view.playback ? playback_json(*view.playback) : json();
   return document;
+}
+
+json playback_json(const PlaybackView& playback) {
+  return {
+      {"session", printable(playback.session)}, {"recorded", utc(playback.recorded)}, {"at_s", number(playback.at_s)},
+      {"length_s", number(playback.length_s)},  {"playing", playback.playing},        {"speed", playback.speed},
+      {"notice", printable(playback.notice)}};
 }
 
 json event_json(const FlightEvent& event, const FlightView& view, double age_s) {
@@ -286,7 +294,9 @@ std::string metrics_text(const FlightView& view, double age_s, const ServerCount
               {"satellite_anchored", "vo_extrapolated", "dead_reckoned", "no_fix"}, "source");
   text.gauge("position_sigma_meters", "1-sigma position error per axis.", sigma_of(view));
   text.gauge("protection_level_metres", "Radius that holds all but the integrity risk.", hpl_of(view));
-  text.gauge("position_usable", "Whether it is within the alert limit.", view.integrity.usable ? 1.0 : 0.0);
+  text.gauge("position_usable", "Whether it is within the alert limit.",
+             view.integrity.usable && !view.playback ? 1.0 : 0.0);
+  text.gauge("playback", "Whether all of this is a recording and not a flight.", view.playback ? 1.0 : 0.0);
   const auto age_of = [&](const std::optional<double>& time_s) {
     return time_s ? std::optional(std::max(0.0, view.time_s + age_s - *time_s)) : std::nullopt;
   };

@@ -20,6 +20,7 @@ nlohmann::json state_json(const FlightView& view, double age_s);
 nlohmann::json event_json(const FlightEvent& event, const FlightView& view, double age_s);
 nlohmann::json track_json(const FlightView& view);  // oldest first
 nlohmann::json package_json(const PackageView& package);
+nlohmann::json playback_json(const PlaybackView& playback);
 
 // GET /v1/events: server-sent events. What a reader gets next depends on the current view and on its cursor alone;
 // there is no queue. A slow reader skips states and, when the ring has moved on meanwhile, gets the number of events

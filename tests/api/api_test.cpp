@@ -91,6 +91,81 @@ TEST_F(ApiTest, HealthFollowsTheFlightsThread) {
   EXPECT_EQ(json(silent)["status"], "fail");
 }
 
+// A board that shows a minute of a recording, and what was asked for.
+class PlayedApi : public test::ApiFixture {
+ protected:
+  PlayedApi() {
+    FlightView view = flight.at(now_s, ServiceState::normal);
+    view.playback = playback;
+    board.publish(view);
+  }
+  ApiOptions played() {
+    ApiOptions chosen = options();
+    chosen.control_playback = [this](const PlaybackRequest& request) {
+      asked = request;
+      return playback;
+    };
+    return chosen;
+  }
+  ApiResponse ask(const std::string& body) {
+    asked.reset();
+    return played_api.handle(post("/v1/playback", body));
+  }
+
+  PlaybackView playback{.session = "one", .recorded = UtcTime{1'760'000'000}, .at_s = 12, .length_s = 60};
+  std::optional<PlaybackRequest> asked;
+  Api played_api{board, hints, played()};
+};
+
+TEST_F(PlayedApi, SaysThatItIsARecordingAndFitForNothing) {
+  const auto state = json(played_api.handle(get("/v1/state")));
+  EXPECT_EQ(state["state"], "normal");
+  EXPECT_EQ(state["playback"]["recorded"], "2025-10-09T08:53:20Z");
+  EXPECT_EQ(state["playback"]["at_s"], 12);
+  EXPECT_EQ(state["playback"]["playing"], false);
+  const ApiResponse health = played_api.handle(get("/v1/health"));
+  EXPECT_EQ(health.status, 503);
+  EXPECT_EQ(json(health)["status"], "fail");
+  EXPECT_THAT(json(health)["reason"].get<std::string>(), HasSubstr("recording"));
+  const std::string metrics = played_api.handle(get("/v1/metrics")).body;
+  EXPECT_THAT(metrics, HasSubstr("nadir_playback 1"));
+  EXPECT_THAT(metrics, HasSubstr("nadir_position_usable 0"));
+}
+
+TEST_F(PlayedApi, IsControlledByWhatIsAskedForAlone) {
+  const ApiResponse response = ask(R"({"playing": true, "speed": 4, "at_s": 60})");
+  EXPECT_EQ(response.status, 200);
+  EXPECT_EQ(json(response)["session"], "one");
+  ASSERT_TRUE(asked);
+  EXPECT_EQ(asked->playing, true);
+  EXPECT_EQ(asked->speed, 4);
+  EXPECT_EQ(asked->at_s, 60);
+  EXPECT_EQ(ask(R"({"at_s": 0})").status, 200);
+  EXPECT_FALSE(asked->playing || asked->speed);
+}
+
+TEST_F(PlayedApi, RefusesWhatIsNoMomentAndNoSpeed) {
+  for (const char* wrong : {R"({"at_s": -0.1})", R"({"at_s": 60.1})", R"({"at_s": "12"})", R"({"at_s": null})",
+                            R"({"speed": 3})", R"({"speed": 2.5})", R"({"speed": 32})", R"({"playing": 1})",
+                            R"({"playing": "yes"})", "{}", R"({"at": 12})", R"({"playing": true, "at_s": 61})", "[]"}) {
+    expect_problem(ask(wrong), 400, "invalid");
+    EXPECT_FALSE(asked) << wrong;
+  }
+  for (const char* none : {R"({"at_s": NaN})", R"({"at_s": Infinity})", R"({"at_s": 1e999})", "", "{"}) {
+    expect_problem(ask(none), 400, "malformed");
+    EXPECT_FALSE(asked) << none;
+  }
+}
+
+TEST_F(PlayedApi, NoHintReachesARecordingAndNoPlaybackAFlight) {
+  expect_problem(played_api.handle(post("/v1/hint", R"({"lat": 47.5, "lon": 8.6, "radius_m": 800})")), 409,
+                 "recording");
+  EXPECT_EQ(hints.take(), nullptr);
+  publish(ServiceState::normal);
+  expect_problem(api.handle(post("/v1/playback", R"({"playing": true})")), 409, "no-recording");
+  EXPECT_EQ(played_api.handle(get("/v1/playback")).status, 405);
+}
+
 TEST_F(ApiTest, IsUnhealthyBeforeTheFirstView) {
   const FlightBoard empty;
   const Api starting(empty, hints, options());

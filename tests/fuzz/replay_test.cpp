@@ -62,6 +62,7 @@ const std::vector<Target>& targets() {
                                        {"onnx", fuzz::onnx},
                                        {"api_hint", fuzz::api_hint},
                                        {"api_object", fuzz::api_object},
+                                       {"api_playback", fuzz::api_playback},
                                        {"api_request", fuzz::api_request},
                                        {"multipart", fuzz::multipart},
                                        {"batch", fuzz::batch},

@@ -88,6 +88,30 @@ void api_object(std::string_view bytes) {
   require(document.at("error_bound_m").get<double>() >= 0, "a bound below zero");
 }
 
+// A recording of a minute.
+void api_playback(std::string_view bytes) {
+  static FlightBoard board;
+  static LatestSlot<Hint> hints;
+  static std::optional<PlaybackRequest> asked;
+  static const Api api(board, hints,
+                       {.now_s = [] { return 0.0; },
+                        .control_playback =
+                            [](const PlaybackRequest& request) {
+                              asked = request;
+                              return PlaybackView();
+                            }});
+  FlightView view;
+  view.playback = PlaybackView{.session = "fuzz", .length_s = 60};
+  board.publish(view);
+  asked.reset();
+  const ApiResponse response = api.handle(post("/v1/playback", bytes));
+  check(response);
+  require(asked.has_value() == (response.status == 200), "a refused request that is followed, or the reverse");
+  if (!asked) return;
+  require(!asked->at_s || (*asked->at_s >= 0 && *asked->at_s <= 60), "a moment beyond the recording");
+  require(!asked->speed || std::ranges::count(kPlaybackSpeeds, *asked->speed) == 1, "a speed that is none");
+}
+
 // The first line is the target, the second the host, the third the last event's id.
 void api_request(std::string_view bytes) {
   std::string lines[3];

@@ -54,6 +54,7 @@ void place_table(std::string_view bytes);
 
 void api_hint(std::string_view bytes);
 void api_object(std::string_view bytes);
+void api_playback(std::string_view bytes);
 void api_request(std::string_view bytes);
 void mcap(std::string_view bytes);  // with the flight recorder's payloads
 
