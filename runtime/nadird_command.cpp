@@ -17,6 +17,7 @@
 #include "cli/terminal.hpp"
 #include "estimation/second_opinion.hpp"
 #include "flight/flight_service.hpp"
+#include "flight/playback.hpp"
 #include "nadird_client/watch.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "package/open_package.hpp"
@@ -73,18 +74,23 @@ size, with --autopilot for a heartbeat of the configured autopilot, and says wha
 --state is a folder for what must survive a restart; with --check it may be a file with only the
 record of accepted packages. A damaged record or permit rejects the package.
 
+--play shows a recorded flight on the page on which it was watched: play, pause, speed, any moment.
+Nothing flies then: no link, no camera, nothing is written. With --package, which must be the one
+that was flown, the map is below it.
+
 A service that is started again in flight resumes the package that was accepted before take-off,
 without asking the clock or its dates again.
 
 Exit codes: 0 clean shutdown, or ready (--check), 1 the package was rejected, camera or autopilot is
-missing (--check), or there is no position (--status), 2 wrong usage (with --check and --status also:
-the job could not be done), 70 any other failure of the service: restart it.)";
+missing (--check), or there is no position (--status), 2 wrong usage (with --check, --status and
+--play also: the job could not be done), 70 any other failure of the service: restart it.)";
 }
 
 std::string_view NadirdCommand::examples() const {
   return R"(nadird --package /data/valley --trust /etc/nadir/root.json --airframe mini-07 --state /var/lib/nadir/state.json --check
 nadird --package /data/valley --trust /etc/nadir/root.json --airframe /etc/nadir/airframe.json --state /var/lib/nadir --camera folder:/run/camera --autopilot serial:/dev/ttyAMA0:921600 --signing-key /etc/nadir/link.key --ground-station udpout:192.168.4.2:14550 --record /data/flights
-nadird --status)";
+nadird --status
+nadird --play /data/flights --package /data/valley)";
 }
 
 void NadirdCommand::setup(Options& options) {
@@ -92,6 +98,9 @@ void NadirdCommand::setup(Options& options) {
   request_.setup(options, VerifyRequest::Trust::optional);
   options.flag("--check", check_, "check package, camera and autopilot, and exit");
   options.flag("--status", status_, "show the status of the running service and exit");
+  options.value("--play", played_, "RECORDING",
+                "show a recorded flight: a folder of the recorder, or one of its files");
+  options.value("--session", session_, "ID", "which one of the recording; default: the newest").needs("--play");
   options.flag("--unsigned-airframe", unsigned_airframe_,
                "for bench tests: run although the airframe file is not signed");
   options.value("--camera", flight_.camera, "SOURCE",
@@ -149,6 +158,7 @@ void NadirdCommand::setup(Options& options) {
                "PX4: take GPS out of its filter while it is denied or spoofed (EKF2_GPS_CTRL)");
   options.flag("--external-position", flight_.send_external_position,
                "also send MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor");
+  options.alternative("--play", {"--session", "--package", "--listen", "--token-file", "--quiet"});
 }
 
 int NadirdCommand::run(Context& context) {
@@ -157,6 +167,7 @@ int NadirdCommand::run(Context& context) {
                                flight_.api.token ? read_bearer_token(*flight_.api.token) : std::string());
     return show_once(service, context.out, context.json);
   }
+  if (played_) return play(context);
   if (package_.empty())
     throw UsageError({.what = "--package PACKAGE is required", .fix = "`nadird --help` lists the options"});
   return check_ ? check(context) : serve(context);
@@ -521,6 +532,24 @@ int NadirdCommand::fly(Context& context) {
     accepted = {service.acceptance(), {}};
     log("the package is judged again");
   }
+}
+
+int NadirdCommand::play(Context& context) {
+  const FlightClock& clock = flight_clock();
+  PlaybackSource source{.recording = *played_, .session = session_};
+  if (!package_.empty()) source.package = package_;
+  Playback playback(source, fmt::format("{:x}", clock.unix_us()), context.progress);
+  if (!context.quiet && !playback.notice().empty())
+    context.err << "nadird: not all of the recording can be read: " << printable(playback.notice()) << '\n';
+  StopSignals stop;  // before any other thread starts
+  if (interrupt_requested()) return kAccepted;
+  serve_playback(playback, flight_.api, clock, stop.token(), [&](std::uint16_t port) {
+    const std::string_view address = flight_.api.address;
+    const std::string_view host = address.substr(0, address.rfind(':'));
+    if (!context.quiet)
+      context.err << fmt::format("nadird: the recording is played at http://{}:{}/", host, port) << std::endl;
+  });
+  return kAccepted;
 }
 
 }  // namespace nadir

@@ -1,5 +1,5 @@
 // `nadird`: flies with a package. `nadird --check` verifies it before take-off; `nadird --status` queries the running
-// service.
+// service; `nadird --play` shows a recorded flight.
 #pragma once
 
 #include <filesystem>
@@ -69,6 +69,7 @@ class NadirdCommand final : public Command {
   CheckedLink open_link() const;
   int serve(Context& context);
   int fly(Context& context);
+  int play(Context& context);
 
   const FlightClock& flight_clock() const { return clock_ != nullptr ? *clock_ : system_clock_; }
 
@@ -82,6 +83,8 @@ class NadirdCommand final : public Command {
   int memory_mb_ = kUsualMemory_mb;
   bool check_ = false, status_ = false, unsigned_airframe_ = false, unsigned_link_ = false, tile_key_refused_ = false;
   std::vector<std::string> ground_stations_, loggers_;
+  std::optional<std::filesystem::path> played_;  // recording
+  std::optional<std::string> session_;           // of it
 };
 
 }  // namespace nadir

@@ -54,7 +54,7 @@ const silenceLimit = 12000;  // ms; the service says something every 2 s
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 // Ends when `ended` says so. onOpen: before the messages of each new connection; it may return the id after which they
-// begin. onSign: whenever anything comes.
+// begin. onMessage: kind, data, and the id of those that have one. onSign: whenever anything comes.
 const followEvents = async (path, { onOpen, onMessage, onSign, ended }) => {
   let lastId = "";
   while (!ended?.aborted) {
@@ -67,7 +67,7 @@ const followEvents = async (path, { onOpen, onMessage, onSign, ended }) => {
       if (response.ok) {
         await readMessages(response.body, (event, data, id) => {
           if (id) lastId = id;
-          onMessage(event, data);
+          onMessage(event, data, id);
         }, () => {
           onSign();
           clearTimeout(silence);

@@ -11,7 +11,9 @@ namespace nadir {
 
 class ViewBuilder {
  public:
-  explicit ViewBuilder(std::string boot_id) { view_.boot_id = std::move(boot_id); }
+  explicit ViewBuilder(std::string boot_id, FlightTrail trail = FlightTrail()) : trail_(std::move(trail)) {
+    view_.boot_id = std::move(boot_id);
+  }
 
   void set_package(const PackageView& package) { view_.package = package; }
   void set_integrity(const IntegrityRequirement& integrity);

@@ -54,7 +54,7 @@ class GatedTiles final : public TileSource {
 };
 
 // Counts what the localizer's thread says, so that the test can wait for the next of it.
-class Progress {
+class FrameProgress {
  public:
   void notify(int& counted) {
     const std::scoped_lock lock(mutex_);
@@ -167,7 +167,7 @@ class LocalizationReplay : public ::testing::Test {
   const SystemFlightClock clock_;
   ThreadWatch watch_{clock_};
   LatestMailbox<CapturedFrame> frames_;
-  Progress progress_;
+  FrameProgress progress_;
   int flown_ = 0;
   AnchorVerdict last_verdict_ = AnchorVerdict::not_tried;
   SourceLabel last_source_ = SourceLabel::no_fix;

@@ -130,6 +130,27 @@ TEST_F(NadirdCheck, LooksAtTheCamera) {
   EXPECT_TRUE(has_code("camera.size")) << out_.str();
 }
 
+// Whatever could fly, record or change a flight is no option of a recording.
+TEST_F(NadirdCheck, PlaysWithoutAnythingThatFlies) {
+  for (const std::vector<std::string>& more : std::vector<std::vector<std::string>>{{"--camera", "folder:frames"},
+                                                                                    {"--autopilot", "udpin:0.0.0.0:1"},
+                                                                                    {"--record", "again"},
+                                                                                    {"--state", "state"},
+                                                                                    {"--trust", "root.json"},
+                                                                                    {"--candidates", "tiles"},
+                                                                                    {"--start", "8.5,47.4"},
+                                                                                    {"--unsigned-link"},
+                                                                                    {"--check"}}) {
+    std::vector<std::string> args{"--play", path("record")};
+    args.insert(args.end(), more.begin(), more.end());
+    EXPECT_EQ(run(args, clock_), 2) << more.front();
+    EXPECT_THAT(err_.str(), testing::HasSubstr(more.front() + " cannot be given with --play"));
+  }
+  EXPECT_EQ(run({"--play", path("record")}, clock_), 2);
+  EXPECT_THAT(err_.str(), testing::HasSubstr(path("record"))) << "there is none";
+  EXPECT_EQ(run({"--session", "one"}, clock_), 2);
+}
+
 // A model that cannot be used is said, and keeps nobody on the ground.
 TEST_F(NadirdCheck, LooksAtTheSecondMatcher) {
   airframe("bare.json", nullptr);

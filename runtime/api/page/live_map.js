@@ -99,7 +99,7 @@ const makeLiveMap = () => {
       state = next;
       if (state.position) {
         const { lat, lon } = state.position;
-        if (state.version !== before?.version) {
+        if (state.time_s !== before?.time_s) {
           track.push({ lat, lon, source: state.source });
           draw(track.at(-1));
         }

@@ -44,15 +44,16 @@ const showState = (state) => {
   byId("source").textContent = words(state.source);
   byId("coordinates").textContent = state.position ? `${state.position.lat.toFixed(6)}, ${state.position.lon.toFixed(6)}` : "no position";
 
-  const { anchors, link, gps, recorder } = state;
+  const { anchors, link, gps, recorder, playback } = state;
   const gate = worst(anchors.rejected_by);
   part("anchors", `${anchors.accepted} accepted, ${anchors.rejected} rejected` + (gate ? (gate[1] < anchors.rejected ? ", mostly " : ": ") + words(gate[0]) : "") + (anchors.failed ? `, ${anchors.failed} FAILED` : ""),
        anchors.failed ? "bad" : anchors.accepted === 0 ? "warn" : "good");
   const rejects = Object.values(link.rejected_by).reduce((sum, count) => sum + count, 0);
-  lastLink = (link.connected ? "connected" : "not connected") + (link.signed ? ", signed" : ", NOT SIGNED: anybody can pose as the autopilot") + (link.rivals ? `, ${link.rivals} frames of a second sender` : "") + (rejects ? `, ${rejects} frames rejected` : "");
+  lastLink = (link.connected ? "connected" : "not connected") + (link.signed ? ", signed" : playback && !link.connected ? "" : ", NOT SIGNED: anybody can pose as the autopilot") + (link.rivals ? `, ${link.rivals} frames of a second sender` : "") + (rejects ? `, ${rejects} frames rejected` : "");
   byId("link").className = !link.connected || link.rivals ? "bad" : link.signed && !rejects ? "good" : "warn";
   part("gps", gps.judgement + (gps.reason ? ": " + gps.reason : ""), { good: "good", denied: "warn", spoofed: "bad", unknown: "" }[gps.judgement]);
-  part("recorder", recorder.state + (recorder.state === "recording" ? `, ${bytes(recorder.written_bytes)}` : "") + (recorder.reason ? ": " + recorder.reason : ""),
+  if (playback) part("recorder", "plays " + playback.session, "");
+  else part("recorder", recorder.state + (recorder.state === "recording" ? `, ${bytes(recorder.written_bytes)}` : "") + (recorder.reason ? ": " + recorder.reason : ""),
        { recording: "good", limited: "warn", failed: "bad", off: "" }[recorder.state]);
   showMap(state);
 };
@@ -64,7 +65,7 @@ const showAges = (state, since) => {
   const age = aged(state.anchor_age_s), frameAge = aged(state.frames.age_s), linkAge = aged(state.link.age_s);
   figure("anchor-age", age === null ? "–" : age < 100 ? age.toFixed(1) : duration(age).split(" ")[0], age !== null && age >= 100 ? duration(age).split(" ")[1] : "s", age === null || age > 30 ? "bad" : age > 10 ? "warn" : "");
   const { frames } = state, share = frames.received ? frames.dropped / frames.received : 0, silent = frameAge === null || frameAge > 2;
-  part("frames", (frameAge === null ? "none yet" : silent ? `NONE for ${duration(frameAge)}` : `${frames.per_s.toFixed(1)} per s`) + `, ${frames.dropped} of ${frames.received} dropped`,
+  part("frames", (frameAge === null ? "none yet" : silent ? `NONE for ${duration(frameAge)}` : `${frames.per_s.toFixed(1)} per s`) + (state.playback ? `, ${frames.received} processed` : `, ${frames.dropped} of ${frames.received} dropped`),
        silent ? "bad" : share > .1 ? "warn" : "good");
   byId("link").querySelector("dd").textContent = lastLink + (linkAge !== null && linkAge > 2 ? `, silent for ${duration(linkAge)}` : "");
   const now = state.time_s + state.age_s + since;
@@ -77,6 +78,7 @@ let lastLink = "";
 let lastPackage = null;
 const showPackage = (pack) => {
   lastPackage = pack;
+  if (!pack.accepted && document.body.classList.contains("playback")) return part("package", pack.reason, "");
   if (!pack.accepted) return part("package", "not accepted" + (pack.reason ? ": " + pack.reason : ""), "bad");
   part("package", `${pack.mission} (${pack.series} ${pack.sequence})` + (pack.expires ? `, until ${pack.expires.slice(0, 10)}` : ""), "good");
 };
