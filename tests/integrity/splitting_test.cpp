@@ -280,7 +280,9 @@ TEST(SplittingResults, WhatIsNoLineIsAnError) {
 
 TEST(PlainFlights, ALineIsAThousandFlightsOfItsFaultAndComesBackAsItWas) {
   const std::uint64_t index = number_of("start_2000") + fault_kinds().size();
-  const PlainFlights counted = count_plain(stored_looks(), repeats(), {.seed = kJudgeSeed}, index);
+  FlightsRun run;
+  run.seed = kJudgeSeed;
+  const PlainFlights counted = count_plain(stored_looks(), repeats(), run, index);
   EXPECT_EQ(counted.fault, "start_2000");
   EXPECT_EQ(counted.counts.flights, kFlightsInALine);
   EXPECT_GT(counted.counts.looks, 50 * kFlightsInALine);
