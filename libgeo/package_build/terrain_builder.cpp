@@ -265,27 +265,29 @@ void throw_if_out_of_space(const fs::path& path, std::uintmax_t needed) {
 
 }  // namespace
 
+// One model is open at a time: a list may have thousands.
 TerrainRaster cut_terrain(std::span<const fs::path> dem, const Mission& mission) {
-  std::vector<Source> sources;
-  std::vector<TerrainPlan> plans;
+  std::vector<std::pair<fs::path, TerrainPlan>> models;
   for (const fs::path& named : dem) {
     for (const StacAsset& asset : named_rasters(named)) {
-      sources.push_back({asset.href, open_gdal_raster(asset.href)});
+      const Source source{asset.href, open_gdal_raster(asset.href)};
       const QuietGdal quiet;
-      check_source(sources.back());
-      plans.push_back(plan_grid(*sources.back().dataset, mission));
+      check_source(source);
+      models.emplace_back(source.path, plan_grid(*source.dataset, mission));
     }
   }
-  const auto finest = std::min_element(plans.begin(), plans.end(),
-                                       [](const TerrainPlan& a, const TerrainPlan& b) { return a.finer_than(b); });
-  const TerrainGrid grid = finest->grid;
-  check_size(sources[static_cast<std::size_t>(finest - plans.begin())], grid);
+  const auto& [finest_path, finest] = *std::min_element(
+      models.begin(), models.end(), [](const auto& a, const auto& b) { return a.second.finer_than(b.second); });
+  const TerrainGrid grid = finest.grid;
+  check_size({finest_path, {}}, grid);
   const QuietGdal quiet;
   std::vector<float> heights(grid.posts(), std::numeric_limits<float>::quiet_NaN());
-  for (std::size_t i = 0; i < sources.size(); ++i) {
-    const bool posts_move = !same_posts(plans[i].grid, grid) && std::string_view(plans[i].resampling) == "near";
-    const GdalHandle warped = warp(sources[i], {grid, posts_move ? "bilinear" : plans[i].resampling});
-    const std::vector<float> below = heights_of(sources[i], *warped, grid);
+  for (const auto& [path, plan] : models) {
+    if (std::none_of(heights.begin(), heights.end(), [](float height) { return std::isnan(height); })) break;
+    const Source source{path, open_gdal_raster(path)};
+    const bool posts_move = !same_posts(plan.grid, grid) && std::string_view(plan.resampling) == "near";
+    const GdalHandle warped = warp(source, {grid, posts_move ? "bilinear" : plan.resampling});
+    const std::vector<float> below = heights_of(source, *warped, grid);
     std::transform(heights.begin(), heights.end(), below.begin(), heights.begin(),
                    [](float above, float height) { return std::isnan(above) ? height : above; });
   }

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <gdal_priv.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include <algorithm>
 #include <cmath>
@@ -194,6 +195,32 @@ TEST_F(TerrainBuilder, CellsOfOneGridAreOneModel) {
   }
   const TerrainRaster half = cut({"west.tif"});
   EXPECT_TRUE(std::any_of(half.heights_m().begin(), half.heights_m().end(), [](float h) { return std::isnan(h); }));
+}
+
+// More cells than this process may have files open.
+TEST_F(TerrainBuilder, AListOfManyModelsIsReadOneByOne) {
+  constexpr int kCells = 50;
+  const double second = 1.0 / 3600;
+  DemSpec spec{.step = second, .epsg = 4326, .west = 14.98, .north = 48.02, .columns = 150, .rows = 150};
+  write_dem(folder_ / "dem.tif", spec, [](double lon, double) { return 300 + 1000 * (lon - 15); });
+  spec.columns = 150 / kCells;
+  std::vector<std::string> cells;
+  for (int i = 0; i < kCells; ++i) {
+    cells.push_back(fmt::format("cell-{}.tif", i));
+    write_dem(folder_ / cells.back(), spec, [](double lon, double) { return 300 + 1000 * (lon - 15); });
+    spec.west += spec.columns * second;
+  }
+  const TerrainRaster whole = cut();
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &before), 0);
+  const rlimit few{kCells / 2, before.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &few), 0);
+  const auto restored = [&before](int*) { setrlimit(RLIMIT_NOFILE, &before); };
+  int any = 0;
+  const std::unique_ptr<int, decltype(restored)> later(&any, restored);
+  const TerrainRaster joined = cut(cells);
+  ASSERT_EQ(joined.grid().posts(), whole.grid().posts());
+  for (std::size_t i = 0; i < whole.heights_m().size(); ++i) ASSERT_EQ(joined.heights_m()[i], whole.heights_m()[i]);
 }
 
 // A survey of the middle on top of a coarse model of everything: its posts and its heights where it has some.
