@@ -17,6 +17,7 @@ namespace nadir::bench {
 namespace {
 
 constexpr std::uint64_t kJudgeSeed = 1'000'000;
+constexpr std::uint64_t kPublishedSeed = 4'000'000;  // of the stored results
 
 // ---- The method
 
@@ -373,7 +374,7 @@ std::string digest_of(const std::filesystem::path& path) {
 }
 
 TEST(SafetyCase, ItsTablesAndItsDrawingAreOfTheStoredResults) {
-  const SplittingFile file = read_splitting(kStoredTables / "splitting.csv", kJudgeSeed);
+  const SplittingFile file = read_splitting(kStoredTables / "splitting.csv", kPublishedSeed);
   EXPECT_THAT(file.run, testing::HasSubstr(digest_of(kStoredTables / "measured_looks.csv")));
   EXPECT_THAT(file.run, testing::HasSubstr(digest_of(kStoredTables / "repeated_looks.csv")));
   const std::filesystem::path docs = NADIR_DOCS;
