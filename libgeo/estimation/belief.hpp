@@ -211,7 +211,7 @@ class PlaceBelief {
   PlaneBox area_;
   bool position_given_;          // a start, or a hint
   bool anchored_ = false;        // the track has moved to a candidate
-  double track_footprints_ = 0;  // of ground that supported the track since odometry last broke
+  double track_footprints_ = 0;  // of ground that supported it since it last broke, or moved against its prediction
   double looks_at_ground_ = 0;   // at what the last frame showed
   bool hinted_ = false;          // since the last anchor
   // P_D = hits / looks at ground that the map shows, with those of the prior.
