@@ -141,11 +141,17 @@ std::span<const FaultKind> fault_kinds() {
   return kinds;
 }
 
+bool is_fault_kind(std::string_view code) {
+  return std::ranges::any_of(fault_kinds(), [&](const FaultKind& k) { return k.code == code; });
+}
+
 const FaultKind& fault_kind(std::string_view code) {
-  const auto kinds = fault_kinds();
-  const auto found = std::find_if(kinds.begin(), kinds.end(), [&](const FaultKind& k) { return k.code == code; });
-  if (found == kinds.end()) throw Error({.what = "no such fault", .found = std::string(code)});
-  return *found;
+  if (!is_fault_kind(code)) {
+    std::string codes;
+    for (const FaultKind& kind : fault_kinds()) codes += (codes.empty() ? "" : ", ") + kind.code;
+    throw Error({.what = "no such fault", .expected = "one of: " + codes, .found = std::string(code)});
+  }
+  return *std::ranges::find(fault_kinds(), code, &FaultKind::code);
 }
 
 FaultFlight::FaultFlight(const MeasuredLooks& looks, const RepeatRates& repeats, const FaultKind& kind,

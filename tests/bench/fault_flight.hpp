@@ -63,6 +63,7 @@ struct FaultKind {
   Onset onset = Onset::start;
 };
 std::span<const FaultKind> fault_kinds();
+bool is_fault_kind(std::string_view code);
 const FaultKind& fault_kind(std::string_view code);  // throws Error
 
 struct FlightLimits {

@@ -7,8 +7,7 @@
 //   splitting  P(misleading | fault), by multilevel splitting over flights whose looks are drawn from that table
 //              (splitting.hpp, fault_flight.hpp, misleading.hpp)
 //   plain      the same by counting flights, without a method (plain_flights.hpp)
-//   tree       the probabilities of splitting times assumed rates of the faults: a rate per flight hour
-//   (fault_tree.hpp)
+//   tree       probabilities of splitting times assumed rates of faults: a rate per flight hour (fault_tree.hpp)
 #include <fmt/format.h>
 
 #include <iostream>
@@ -127,8 +126,9 @@ int table(const Options& options) {
 
 std::string digest_of(const std::filesystem::path& path) { return sha256(as_bytes(read_text_file(path))).hex(); }
 
-// Of the faults that were asked for, all repetitions; of all where none was.
+// Of the faults that were asked for, all repetitions; of all where none was. Throws Error for an unknown one.
 std::vector<std::uint64_t> indices_of(const std::vector<std::string>& faults, int repetitions) {
+  for (const std::string& fault : faults) fault_kind(fault);
   std::vector<std::uint64_t> indices;
   for (std::uint64_t i = 0; i < fault_kinds().size() * static_cast<std::uint64_t>(repetitions); ++i) {
     const FaultKind& kind = fault_kinds()[i % fault_kinds().size()];
@@ -137,30 +137,40 @@ std::vector<std::uint64_t> indices_of(const std::vector<std::string>& faults, in
   return indices;
 }
 
-// plain: count flights instead.
-int splitting(Options options, bool plain) {
-  const MeasuredLooks looks = MeasuredLooks::read(options.measured);
-  const RepeatRates rates = RepeatRates::read(options.repeated);
-  options.splitting.seed = options.run.seed;
-  options.splitting.looks_origin = looks.origin();
-  options.splitting.looks_sha256 = digest_of(options.measured);
-  options.splitting.repeats_sha256 = digest_of(options.repeated);
-  for (const std::string& fault : options.faults) fault_kind(fault);
-  const auto indices = indices_of(
-      options.faults, plain ? (options.flights + kFlightsInALine - 1) / kFlightsInALine : options.repetitions);
-  options.run.count = indices.size();
-  if (plain) {
-    const auto counted = run_all<PlainFlights>(
-        options.run, plain_header(options.splitting), plain_flights_of,
-        [&](std::uint64_t i) { return count_plain(looks, rates, options.splitting, i); }, indices);
-    std::cout << plain_table(counted);
-    return 0;
+// What flights draw from, and which of them are run.
+struct DrawnFlights {
+  MeasuredLooks looks;
+  RepeatRates rates;
+  std::vector<std::uint64_t> indices;
+
+  DrawnFlights(Options& options, int repetitions)
+      : looks(MeasuredLooks::read(options.measured)),
+        rates(RepeatRates::read(options.repeated)),
+        indices(indices_of(options.faults, repetitions)) {
+    options.splitting.seed = options.run.seed;
+    options.splitting.looks_origin = looks.origin();
+    options.splitting.looks_sha256 = digest_of(options.measured);
+    options.splitting.repeats_sha256 = digest_of(options.repeated);
+    options.run.count = indices.size();
   }
-  std::cout << rates.table() << "\n";
+};
+
+int splitting(Options options) {
+  const DrawnFlights drawn(options, options.repetitions);
+  std::cout << drawn.rates.table() << "\n";
   const auto records = run_all<SplitRecord>(
       options.run, splitting_header(options.splitting), split_record_of,
-      [&](std::uint64_t i) { return split(looks, rates, options.splitting, i); }, indices);
+      [&](std::uint64_t i) { return split(drawn.looks, drawn.rates, options.splitting, i); }, drawn.indices);
   std::cout << splitting_table(records);
+  return 0;
+}
+
+int plain(Options options) {
+  const DrawnFlights drawn(options, (options.flights + kFlightsInALine - 1) / kFlightsInALine);
+  const auto counted = run_all<PlainFlights>(
+      options.run, plain_header(options.splitting), plain_flights_of,
+      [&](std::uint64_t i) { return count_plain(drawn.looks, drawn.rates, options.splitting, i); }, drawn.indices);
+  std::cout << plain_table(counted);
   return 0;
 }
 
@@ -183,7 +193,8 @@ int run(const Options& options) {
   if (options.part == "looks") return looks(options);
   if (options.part == "repeats") return repeats(options);
   if (options.part == "table") return table(options);
-  return options.part == "tree" ? tree(options) : splitting(options, options.part == "plain");
+  if (options.part == "splitting") return splitting(options);
+  return options.part == "plain" ? plain(options) : tree(options);
 }
 
 }  // namespace

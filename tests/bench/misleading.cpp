@@ -57,8 +57,7 @@ SplitRecord split_record_of(const std::string& text) {
   }
   in >> r.plain.flights >> comma >> r.plain.misleading >> comma >> r.plain.hazardous >> comma >> r.plain.looks >>
       comma >> r.plain.usable >> comma >> r.plain.usable_30;
-  const bool known = std::ranges::any_of(fault_kinds(), [&](const FaultKind& k) { return k.code == r.fault; });
-  if (!in || !(in >> std::ws).eof() || !known) {
+  if (!in || !(in >> std::ws).eof() || !is_fault_kind(r.fault)) {
     throw Error({.what = "a line of results cannot be read",
                  .expected = "fourteen cells, the second one names a fault",
                  .found = text});

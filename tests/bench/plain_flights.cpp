@@ -54,8 +54,7 @@ PlainFlights plain_flights_of(const std::string& text) {
   std::getline(in, f.fault, ',');
   in >> c.flights >> comma >> c.misleading >> comma >> c.hazardous >> comma >> c.looks >> comma >> c.usable >> comma >>
       c.usable_30;
-  const bool known = std::ranges::any_of(fault_kinds(), [&](const FaultKind& k) { return k.code == f.fault; });
-  if (!in || !(in >> std::ws).eof() || !known) {
+  if (!in || !(in >> std::ws).eof() || !is_fault_kind(f.fault)) {
     throw Error({.what = "a line of results cannot be read",
                  .expected = "eight cells, the second one names a fault",
                  .found = text});
