@@ -42,8 +42,8 @@ class PlaybackTest : public ::testing::Test {
     playback.advance(0);
     return playback.view();
   }
-  // All that a reader is told, but for the names of run and view and for what is asked for.
-  static std::string told(const FlightView& view) {
+  // All that a reader gets, but for the names of run and view and for what is asked for.
+  static std::string text_of(const FlightView& view) {
     nlohmann::json all = state_json(view, 0);
     for (const char* name : {"boot", "version", "playback"}) all.erase(name);
     for (const FlightEvent& event : view.events) all["events"].push_back(event_json(event, view, 0));
@@ -126,15 +126,15 @@ TEST_F(PlaybackTest, AMomentIsTheSameHoweverItIsReached) {
   playback->control({.speed = 4});
   while (playback->view().playback->playing) {
     const FlightView view = playback->view();
-    played.emplace(view.time_s, told(view));
+    played.emplace(view.time_s, text_of(view));
     playback->advance(0.37);
   }
   EXPECT_EQ(playback->view().time_s, 60) << "it pauses at the end";
   ASSERT_GT(played.size(), 30);
   const auto again = open();
-  for (const auto& [time_s, text] : played) EXPECT_EQ(told(at(*again, time_s)), text) << "on, " << time_s;
+  for (const auto& [time_s, text] : played) EXPECT_EQ(text_of(at(*again, time_s)), text) << "on, " << time_s;
   for (auto one = played.rbegin(); one != played.rend(); ++one)
-    EXPECT_EQ(told(at(*again, one->first)), one->second) << "back, " << one->first;
+    EXPECT_EQ(text_of(at(*again, one->first)), one->second) << "back, " << one->first;
   EXPECT_EQ(digests(), before) << "the recording is only read";
 }
 
