@@ -25,6 +25,14 @@ TEST(NormalDistribution, NeverDecreases) {
   }
 }
 
+TEST(NormalDistribution, SameBitsOnEveryProcessor) {
+  EXPECT_EQ(normal_share_below(-37), 0x1.eaccc6bfeadb9p-995);
+  EXPECT_EQ(normal_share_below(-6.1), 0x1.238f0c064f082p-31);
+  EXPECT_EQ(normal_share_below(-2.3), 0x1.5f685ae930dbp-7);
+  EXPECT_EQ(normal_share_below(-0.4), 0x1.60d91f7ac901ap-2);
+  EXPECT_EQ(normal_share_below(1.7), 0x1.e92eb735d787p-1);
+}
+
 TEST(NormalDistribution, ItsEnds) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   EXPECT_EQ(normal_share_below(-kInfinity), 0);
