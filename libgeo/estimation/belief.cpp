@@ -148,13 +148,19 @@ Eigen::Matrix2d PlaceBelief::grown_m2(const Place& place, const Eigen::Matrix2d&
   return place.covariance_m2 + grown_m2 * Eigen::Matrix2d::Identity();
 }
 
+// An anchored track: it may be there, or more ground supports the place.
+bool PlaceBelief::overrules(const Place& place, const Eigen::Matrix2d& track_covariance_m2) const {
+  const bool possible = chi2_of(place.offset_m, track_covariance_m2 + place.covariance_m2) <= kChi2_95;
+  const bool outdone = place.footprints >= kOverrulingFootprints && track_footprints_ < kOverrulingFootprints;
+  return anchored_ && (possible || outdone);
+}
+
 // To the frame of a look. A place that hardly differs from the track is the track.
 void PlaceBelief::bring_places_to(const Eigen::Matrix2d& track_covariance_m2) {
   std::erase_if(places_, [&](Place& place) {
     place.covariance_m2 = grown_m2(place, track_covariance_m2);
     place.track_variance_m2 = track_covariance_m2.trace() / 2;
-    const bool possible = chi2_of(place.offset_m, track_covariance_m2 + place.covariance_m2) <= kChi2_95;
-    if (anchored_ && possible) place.contradicts = false;
+    if (overrules(place, track_covariance_m2)) place.contradicts = false;
     // A track that is not known at all is no place.
     const bool is_track = track_.total() > 0 && !place.contradicts &&
                           same_place(place.offset_m, place.covariance_m2, track_covariance_m2);
@@ -230,9 +236,9 @@ double PlaceBelief::judge(Weight& weight, const Evidence& look, double new_groun
 LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
   change_visibility(look.new_ground);
   looks_at_ground_ = 1 + (1 - look.new_ground) * looks_at_ground_;
+  if (!track.stands) track_footprints_ = 0;
   bring_places_to(track.covariance_m2);
 
-  if (!track.stands) track_footprints_ = 0;
   Weighing weighing = weigh(look, track);
   learn_detection(weighing, look.new_ground);
   LookResult result;
@@ -344,8 +350,6 @@ void PlaceBelief::move_hits_to(const LookCandidate& candidate, const Weighing& w
     measure(at, from_track_m, candidate.covariance_m2);
   }
   at.footprints += new_ground;
-  const bool outdoes = at.footprints >= kOverrulingFootprints && track_footprints_ < kOverrulingFootprints;
-  if (anchored_ && outdoes) at.contradicts = false;
 
   at.weight = {weighing.track.hit + weighing.elsewhere.hit, 0, 0};
   track_.visible -= weighing.track.hit;

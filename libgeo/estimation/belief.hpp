@@ -192,6 +192,7 @@ class PlaceBelief {
 
   // The steps of update(), in order.
   void change_visibility(double new_ground);
+  bool overrules(const Place& place, const Eigen::Matrix2d& track_covariance_m2) const;
   void bring_places_to(const Eigen::Matrix2d& track_covariance_m2);
   Weighing weigh(const Look& look, const TrackPrediction& track);
   void learn_detection(const Weighing& weighing, double new_ground);
