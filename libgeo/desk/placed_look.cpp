@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "estimation/map_look.hpp"
+#include "estimation/search_window.hpp"
 #include "flights/picture_at_one_moment.hpp"
 #include "imagery/codecs.hpp"
 #include "vision/localizer_parameters.hpp"
@@ -38,8 +39,8 @@ LookContext context_of(const FrameView& view, const CameraModel& camera, bool ti
       (tilt_rad * tilt_rad + anchor_measurement::kMinTiltVariance_rad2) * Eigen::Matrix2d::Identity();
   context.track = {pose.position, view.camera.covariance.topLeftCorner<2, 2>()};
   const double sigma_m = std::sqrt(context.track.covariance_m2.trace() / 2);
-  prior.search.radius_m =
-      std::clamp(search_window::kReachSigmas * sigma_m, search_window::kMinRadius_m, search_window::kMaxRadius_m);
+  const SearchWindow window(search_window::kMinRadius_m, search_window::kMaxRadius_m, std::nullopt);
+  prior.search.radius_m = window.radius_m(sigma_m);
   context.window = square_around(pose.position, prior.search.radius_m);
   context.agl_m = pose.agl_m;
   context.footprint_m = footprint_side_m(camera, pose.agl_m);

@@ -1,8 +1,9 @@
 // Where on the map a frame is searched.
 //
-// With a prediction: a square of 3 σ around it, within limits; it grows while frames match nowhere in it, because that
-// contradicts the prediction. Without one (lost): the part of the mission's area within 3 σ of the position, by
-// suggestions first (an operator's hint, the place index), else in parts of limited size, one for each frame.
+// With a prediction: a square of 5 σ around it, within limits, so that the true place competes with the chance peaks
+// of every look; it grows while frames match nowhere in it, because that contradicts the prediction. Without one
+// (lost): the part of the mission's area within 3 σ of the position, by suggestions first (an operator's hint, the
+// place index), else in parts of limited size, one for each frame.
 #pragma once
 
 #include <optional>

@@ -15,7 +15,7 @@ namespace {
 // A frame continues the one before it or, over an outlier, the one before that.
 constexpr std::size_t kContinuedBy = 2;
 constexpr std::size_t kMostAttempts = 60;  // of a flight: bounds the time of a flight that matches nowhere
-constexpr double kReachSigmas = 3;         // of a predicted place; as the localizer's windows
+constexpr double kReachSigmas = 3;         // of a predicted place; chosen
 
 nlohmann::json finite(double value) { return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr); }
 

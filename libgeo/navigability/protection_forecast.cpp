@@ -15,6 +15,7 @@
 #include "estimation/flight_process_model.hpp"
 #include "estimation/look_likelihood.hpp"
 #include "estimation/map_look.hpp"
+#include "estimation/search_window.hpp"
 #include "navigability/navigability_parameters.hpp"
 #include "vision/localizer_parameters.hpp"
 
@@ -24,7 +25,6 @@ namespace {
 
 namespace look = parameters::anchor_measurement;
 namespace odometry = parameters::visual_odometry;
-namespace search_window = parameters::search_window;
 namespace tracking = parameters::tracking;
 
 double squared(double x) { return x * x; }
@@ -120,7 +120,8 @@ class DrawnFlight {
       : setup_(setup),
         random_(std::move(random)),
         filter_(setup.uncertainty, velocity_mps, random_),
-        belief_(parameters::belief::kStartDoubt, setup.area) {}
+        belief_(parameters::belief::kStartDoubt, setup.area),
+        window_(parameters::search_window::kMinRadius_m, parameters::search_window::kMaxRadius_m, setup.area) {}
 
   struct Moment {
     float hpl_m, since_anchor_m;  // infinite: no level
@@ -153,12 +154,6 @@ class DrawnFlight {
     double solved_variance_m2, wrong_consensus_m2;
   };
 
-  double radius_m() const {
-    using namespace search_window;
-    const double least_m = kMinRadius_m * (1 + std::min(failures_ / kFailuresPerRing, kMaxRings));
-    return std::clamp(kReachSigmas * std::sqrt(filter_.variance_m2()), least_m, kMaxRadius_m);
-  }
-
   Candidate candidate_at(const PlanePoint& position, double evidence, const ForecastFrame& frame) const {
     const double limit = look_likelihood_table().limit;
     Candidate at;
@@ -181,7 +176,7 @@ class DrawnFlight {
     const double east = random_.normal(), north = random_.normal();
     const double across = random_.uniform(), up = random_.uniform(), chance = random_.uniform();
     const double margin = logit(std::min(frame.probability, 1 - 1e-9)) - logit(share);
-    lost_ = lost_ || search_window::kReachSigmas * std::sqrt(filter_.variance_m2()) > search_window::kMaxRadius_m;
+    lost_ = lost_ || window_.lost(true, std::sqrt(filter_.variance_m2()));
     if (!lost_ && frame.probability > 0 && margin > -kFoundLogit) {
       const double evidence = kEvidenceOffset + kEvidencePerLogit * margin + kEvidenceScatter * scatter;
       const Candidate expected = candidate_at(frame.place, evidence, frame);
@@ -196,7 +191,7 @@ class DrawnFlight {
 
   void match(const ForecastFrame& frame) {
     const PlanePoint track(frame.place.vector() + filter_.error_m());
-    const PlaneBox window = square_around(track, radius_m());
+    const PlaneBox window = square_around(track, window_.radius_m(std::sqrt(filter_.variance_m2())));
     const auto drawn = draw(frame, window);
     const double new_ground = first_ ? 1 : std::min(1.0, frame.way_m / frame.footprint_m);
     first_ = false;
@@ -204,10 +199,8 @@ class DrawnFlight {
     if (drawn) seen.candidate = drawn->candidate;
     const Eigen::Matrix2d before_m2 = filter_.position_covariance_m2();
     const LookResult result = belief_.update(seen, {track, before_m2, unbroken_});
-    if (!result.accepted) {
-      ++failures_;
-      return;
-    }
+    window_.record_attempt(result.accepted ? AnchorVerdict::accepted : AnchorVerdict::few_inliers);
+    if (!result.accepted) return;
     const bool corroborated = anchored_ && unbroken_ &&
                               filter_.variance_m2() <= squared(parameters::belief::kSharp_m) &&
                               result.chi2 <= parameters::belief::kChi2_95;
@@ -220,7 +213,6 @@ class DrawnFlight {
         filter_.update(measured_m, drawn->solved_variance_m2 * shared + (corroborated ? 0 : drawn->wrong_consensus_m2));
     belief_.on_anchor(by_m, before_m2, filter_.position_covariance_m2());
     anchored_ = unbroken_ = true;
-    failures_ = 0;
     since_anchor_m_ = 0;
   }
 
@@ -228,9 +220,9 @@ class DrawnFlight {
   Random random_;
   AxisFilter filter_;
   PlaceBelief belief_;
+  SearchWindow window_;
   double ground_ = 0;  // the latent variable of the looks
   double since_anchor_m_ = 0;
-  int failures_ = 0;
   bool first_ = true, anchored_ = false, unbroken_ = true, lost_ = false;
   bool linked_ = true, broken_ = false;  // this frame to the last one
 };

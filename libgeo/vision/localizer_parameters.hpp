@@ -553,7 +553,8 @@ inline constexpr double kMaxPlaceDoubt = 1e-3;        // of the weight may be el
 inline constexpr double kMaxAssociationDoubt = 5e-2;  // a chance peak beside the truth, within the prediction; chosen
 // Of a place beside the candidate: half of the least window, so that the next look searches it as well. Chosen.
 inline constexpr double kHarmless_m = 30;
-inline constexpr double kDisplacedMapShare = 0.01;  // of the hits of a place that contradicts the track; chosen
+// Of the hits of a place that contradicts the track; 0.5 and 0.001 are worse: docs/safety-case.md.
+inline constexpr double kDisplacedMapShare = 0.01;
 inline constexpr double kOverrulingFootprints =
     6;                                        // of ground that is no accident of the matcher; [safety 164, 244, 305]
 inline constexpr double kSharp_m = 20;        // one axis: an anchor within such a prediction confirms it
@@ -600,7 +601,9 @@ inline constexpr double kMinRadius_m = 60;       // half the side of the searche
 inline constexpr double kMaxRadius_m = 1200;     // beyond: the area is searched; time of a search, docs/benchmarks.md
 inline constexpr int kFailuresPerRing = 3;       // frames that fit nowhere widen the window by its least radius; chosen
 inline constexpr int kMaxRings = 4;              // chosen
-inline constexpr double kReachSigmas = 3;        // half side in σ of the position
+inline constexpr double kReachSigmas = 5;        // half side in σ of the position; 3 left out one start in 200, where
+                                                 // chance peaks compete with nothing: docs/safety-case.md
+inline constexpr double kLostReachSigmas = 3;    // of the area that is searched without a prediction: its time
 inline constexpr double kPart_m = 1600;          // side of an area's part searched for one frame: its time
 inline constexpr double kHeadingSigmas = 3;      // searched headings
 inline constexpr double kScaleSigmas = 2.5;      // searched heights

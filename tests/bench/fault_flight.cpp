@@ -15,7 +15,6 @@ namespace {
 
 using namespace parameters::anchor_measurement;
 using namespace parameters::belief;
-using namespace parameters::search_window;
 
 struct NamedFault {
   FlightFault fault;
@@ -196,8 +195,9 @@ FaultFlight::State FaultFlight::begin(Random& random) const {
     const CandidateSigmas sigmas{3, 0, 3};
     LookCandidate wrong{PlanePoint(s.error_m()), sigmas.variance_m2() * Eigen::Matrix2d::Identity(),
                         look_likelihood_table().limit};
-    const LookResult result = s.belief.update({square(s.error_m(), kMinRadius_m), wrong, 1, true},
-                                              {PlanePoint(s.error_m()), s.covariance_m2(), s.stands});
+    const LookResult result =
+        s.belief.update({square(s.error_m(), parameters::search_window::kMinRadius_m), wrong, 1, true},
+                        {PlanePoint(s.error_m()), s.covariance_m2(), s.stands});
     if (result.accepted) correct(s, wrong, sigmas, result.chi2);
     const auto hpl_m = s.belief.protection_level_m(s.covariance_m2(), limits_.integrity_risk, common_m2(s.anchored));
     if (hpl_m && *hpl_m <= limits_.alert_limit_m) break;
@@ -244,8 +244,7 @@ void FaultFlight::advance(State& s, Random& random) const {
   s.since_anchor_m += way_m;
 
   // The look.
-  const double least_m = kMinRadius_m * (1 + std::min(s.failures / kFailuresPerRing, kMaxRings));
-  const double radius_m = std::clamp(kReachSigmas * one_axis_sigma_m(s.covariance_m2()), least_m, kMaxRadius_m);
+  const double radius_m = s.window.radius_m(one_axis_sigma_m(s.covariance_m2()));
   nadir::Look look{square(s.error_m(), radius_m), std::nullopt, s.new_ground, !broken};
   const Eigen::Vector2d shown_m = s.map_shift_m + (foreign ? s.foreign_m : Eigen::Vector2d(0, 0));
   const bool other_map = s.begun && (fault_ == FlightFault::other_map || fault_ == FlightFault::start_and_map);
@@ -287,7 +286,7 @@ void FaultFlight::advance(State& s, Random& random) const {
   }
   const LookResult result = s.belief.update(look, {PlanePoint(s.error_m()), s.covariance_m2(), s.stands});
   if (result.accepted) correct(s, *look.candidate, sigmas, result.chi2);
-  s.failures = result.accepted ? 0 : s.failures + 1;
+  s.window.record_attempt(result.accepted ? AnchorVerdict::accepted : AnchorVerdict::few_inliers);
 
   // What is published.
   s.hpl_m = s.belief.protection_level_m(s.covariance_m2(), limits_.integrity_risk, common_m2(s.anchored));

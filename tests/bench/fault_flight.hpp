@@ -30,6 +30,7 @@
 #include <string_view>
 
 #include "estimation/belief.hpp"
+#include "estimation/search_window.hpp"
 #include "measured_looks.hpp"
 #include "repeated_looks.hpp"
 
@@ -95,7 +96,7 @@ class FaultFlight {
     bool anchored = false;
     bool stands = true;
     double since_anchor_m = 0;
-    int failures = 0;
+    SearchWindow window{parameters::search_window::kMinRadius_m, parameters::search_window::kMaxRadius_m, std::nullopt};
     // Time since the fault began, and what the last look found.
     double time_s = 0;
     bool begun = false;  // the fault
