@@ -247,7 +247,7 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
     const bool contradicts = track.stands && !hinted_ && result.chi2 > kChi2_999;
     share_with_displaced_map(weighing, contradicts);
     decide(weighing, contradicts, result);
-    move_hits_to(*look.candidate, weighing, contradicts, track, look.new_ground, result.accepted);
+    move_hits_to(*look.candidate, weighing, contradicts, track, look.new_ground, result);
   }
   normalize();
   return result;
@@ -330,7 +330,7 @@ void PlaceBelief::decide(const Weighing& weighing, bool contradicts, LookResult&
 
 // What hit becomes the place that the candidate belongs to, a new one, or the track.
 void PlaceBelief::move_hits_to(const LookCandidate& candidate, const Weighing& weighing, bool contradicts,
-                               const TrackPrediction& track, double new_ground, bool accepted) {
+                               const TrackPrediction& track, double new_ground, LookResult& result) {
   const Eigen::Vector2d from_track_m = candidate.position - track.position;
   std::size_t target = places_.size();
   double most = std::max(weighing.track.hit, weighing.elsewhere.hit);
@@ -339,7 +339,7 @@ void PlaceBelief::move_hits_to(const LookCandidate& candidate, const Weighing& w
     most = weighing.places[i].hit;
     target = i;
   }
-  Place at{{}, from_track_m, candidate.covariance_m2, track.covariance_m2.trace() / 2, contradicts, 0};
+  Place at{{}, from_track_m, candidate.covariance_m2, track.covariance_m2.trace() / 2, contradicts, contradicts, 0};
   if (target < places_.size()) {
     at = places_[target];
     at.of_hint = false;
@@ -358,11 +358,12 @@ void PlaceBelief::move_hits_to(const LookCandidate& candidate, const Weighing& w
     at.weight.visible += weighing.places[i].hit;
     places_[i].weight.visible -= weighing.places[i].hit;
   }
-  if (accepted) {
+  if (result.accepted) {
+    result.contradicted = at.contradicted || weighing.track.chi2 > kChi2_999;
     // What is left of the track: the candidate was a chance peak, and the track is where it was.
-    add({track_, Eigen::Vector2d::Zero(), track.covariance_m2, 0, false, 0});
+    add({track_, Eigen::Vector2d::Zero(), track.covariance_m2, 0, false, false, 0});
     track_ = at.weight;
-    track_footprints_ = (weighing.track.chi2 > kChi2_999 ? 0 : track_footprints_) + new_ground;
+    track_footprints_ = (result.contradicted ? 0 : track_footprints_) + new_ground;
     anchored_ = true;
     hinted_ = false;
   } else {
@@ -392,6 +393,7 @@ void PlaceBelief::add(const Place& added) {
     place.weight.hidden += added.weight.hidden;
     place.weight.footprints_since_hit = std::min(place.weight.footprints_since_hit, added.weight.footprints_since_hit);
     place.footprints = std::max(place.footprints, added.footprints);
+    place.contradicted = place.contradicted || added.contradicted;
     place.of_hint = place.of_hint && added.of_hint;
     return;
   }

@@ -106,6 +106,9 @@ struct LookResult {
   double chi2 = 0;               // of the candidate against the track, two degrees of freedom
   double place_doubt = 1;        // weight that is not at the candidate
   double association_doubt = 1;  // chance that it is a chance peak beside the truth
+  // The track moves to a place that contradicts it, or did when a look first found it. Then its past is wrong, and how
+  // far it moves says nothing about odometry.
+  bool contradicted = false;
 };
 
 class PlaceBelief {
@@ -165,7 +168,8 @@ class PlaceBelief {
     Eigen::Vector2d offset_m;       // from the track
     Eigen::Matrix2d covariance_m2;  // when it was last seen …
     double track_variance_m2;       // … and the track's then
-    bool contradicts = false;       // a track that stands: does not move it
+    bool contradicted = false;      // a track that stood, when a look found it
+    bool contradicts = false;       // does so: does not move the track
     double footprints = 0;          // of ground that supported it
     bool of_hint = false;           // no look has hit it
   };
@@ -199,7 +203,7 @@ class PlaceBelief {
   void share_with_displaced_map(Weighing& weighing, bool contradicts);
   void decide(const Weighing& weighing, bool contradicts, LookResult& result) const;
   void move_hits_to(const LookCandidate& candidate, const Weighing& weighing, bool contradicts,
-                    const TrackPrediction& track, double new_ground, bool accepted);
+                    const TrackPrediction& track, double new_ground, LookResult& result);
   void normalize();
 
   static void move_weight(Weight& from, Weight& to, double share);

@@ -278,8 +278,7 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
     s.window.record_attempt(report.anchor.verdict);
     s.matching.last_failed = !result.accepted;
     s.matching.last = {job->time_s, job->segment, job->context.track.position};
-    // The filter has not expected it there.
-    if (result.accepted && result.chi2 > kChi2_999) {
+    if (result.contradicted) {
       s.steps[job->step].contradicted_anchor_sigma_m = (look.candidate->position - job->context.track.position).norm();
     }
   }

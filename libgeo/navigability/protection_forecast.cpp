@@ -205,7 +205,7 @@ class DrawnFlight {
                               filter_.variance_m2() <= squared(parameters::belief::kSharp_m) &&
                               result.chi2 <= parameters::belief::kChi2_95;
     const Eigen::Vector2d measured_m = drawn->candidate.position - frame.place;
-    if (result.chi2 > parameters::belief::kChi2_999) filter_.inflate((drawn->candidate.position - track).squaredNorm());
+    if (result.contradicted) filter_.inflate((drawn->candidate.position - track).squaredNorm());
     const double shared =
         anchored_ ? std::max(1.0, look::kSharedErrorFootprints * frame.footprint_m / std::max(1.0, since_anchor_m_))
                   : 1;

@@ -115,13 +115,14 @@ const char* picture_of(FlightFault fault) {
 }
 
 // The filter is corrected as the localizer corrects its own (localizer.cpp, anchor_measurement()).
-void correct(FaultFlight::State& s, const LookCandidate& candidate, const CandidateSigmas& sigmas, double chi2) {
+void correct(FaultFlight::State& s, const LookCandidate& candidate, const CandidateSigmas& sigmas,
+             const LookResult& look) {
   const Eigen::Matrix2d before_m2 = s.covariance_m2();
   const Eigen::Vector2d off = candidate.position.vector() - s.error_m();
-  const bool corroborated = s.anchored && one_axis_sigma_m(before_m2) <= kSharp_m && chi2 <= kChi2_95;
+  const bool corroborated = s.anchored && one_axis_sigma_m(before_m2) <= kSharp_m && look.chi2 <= kChi2_95;
   const double shared =
       s.anchored ? std::max(1.0, kSharedErrorFootprints * kFootprint_m / std::max(1.0, s.since_anchor_m)) : 1;
-  if (chi2 > kChi2_999) s.covariance.topLeftCorner<2, 2>() += off.squaredNorm() * Eigen::Matrix2d::Identity();
+  if (look.contradicted) s.covariance.topLeftCorner<2, 2>() += off.squaredNorm() * Eigen::Matrix2d::Identity();
   const double variance_m2 = sigmas.solved_m * sigmas.solved_m * shared +
                              (corroborated ? 0 : sigmas.wrong_consensus_m * sigmas.wrong_consensus_m);
   const Eigen::Matrix<double, 4, 2> gain =
@@ -198,7 +199,7 @@ FaultFlight::State FaultFlight::begin(Random& random) const {
     const LookResult result =
         s.belief.update({square(s.error_m(), parameters::search_window::kMinRadius_m), wrong, 1, true},
                         {PlanePoint(s.error_m()), s.covariance_m2(), s.stands});
-    if (result.accepted) correct(s, wrong, sigmas, result.chi2);
+    if (result.accepted) correct(s, wrong, sigmas, result);
     const auto hpl_m = s.belief.protection_level_m(s.covariance_m2(), limits_.integrity_risk, common_m2(s.anchored));
     if (hpl_m && *hpl_m <= limits_.alert_limit_m) break;
   }
@@ -285,7 +286,7 @@ void FaultFlight::advance(State& s, Random& random) const {
     }
   }
   const LookResult result = s.belief.update(look, {PlanePoint(s.error_m()), s.covariance_m2(), s.stands});
-  if (result.accepted) correct(s, *look.candidate, sigmas, result.chi2);
+  if (result.accepted) correct(s, *look.candidate, sigmas, result);
   s.window.record_attempt(result.accepted ? AnchorVerdict::accepted : AnchorVerdict::few_inliers);
 
   // What is published.

@@ -291,10 +291,14 @@ TEST(Belief, AStartFromBeforeARestartIsOverruled) {
 
 TEST(Belief, AnEarlierAnchorIsOverruledAfterSomeFootprints) {
   LookFlight flight = known_start();
-  ASSERT_TRUE(flight.fly(Eigen::Vector2d(0, 0), 8).accepted);
+  const LookResult agrees = flight.fly(Eigen::Vector2d(0, 0), 8);
+  ASSERT_TRUE(agrees.accepted);
+  EXPECT_FALSE(agrees.contradicted);
   int looks = 1;
-  while (!flight.fly(Eigen::Vector2d(0, 80), 8).accepted) ASSERT_LT(++looks, 20);
+  LookResult result = flight.fly(Eigen::Vector2d(0, 80), 8);
+  for (; !result.accepted; result = flight.fly(Eigen::Vector2d(0, 80), 8)) ASSERT_LT(++looks, 20);
   EXPECT_GE(looks, kOverrulingFootprints);
+  EXPECT_TRUE(result.contradicted);
 }
 
 // What many footprints of ground supported was no accident of the matcher: one of two scenes is displaced, and which
@@ -317,7 +321,8 @@ TEST(Belief, WhatMuchGroundSupportedIsNotOverruledByADisplacedMap) {
   while (!flight.fly(Eigen::Vector2d(0, 0), 8).accepted) ASSERT_LT(++looks, 4);
 }
 
-// As odometry goes on, the track may come to be there.
+// As odometry goes on, the track may come to be there. That it was found far away says that the track's past is wrong:
+// whoever took the distance for odometry's drift would carry a wrong drift on.
 TEST(Belief, APlaceInsideTheGrownEllipseOfTheTrackContradictsItNoLonger) {
   LookFlight flight = known_start();
   for (int i = 0; i < 2 * kOverrulingFootprints; ++i) ASSERT_TRUE(flight.fly(Eigen::Vector2d(0, 0), 8).accepted) << i;
@@ -327,7 +332,10 @@ TEST(Belief, APlaceInsideTheGrownEllipseOfTheTrackContradictsItNoLonger) {
   }
   flight.sigma_m = 40;
   int looks = 1;
-  while (!flight.fly(Eigen::Vector2d(0, 60), 8).accepted) ASSERT_LT(++looks, 4);
+  LookResult result = flight.fly(Eigen::Vector2d(0, 60), 8);
+  for (; !result.accepted; result = flight.fly(Eigen::Vector2d(0, 60), 8)) ASSERT_LT(++looks, 4);
+  EXPECT_LT(result.chi2, kChi2_95);
+  EXPECT_TRUE(result.contradicted);
 }
 
 // Of a place hundreds of metres wide a weak candidate near the track is hardly a part: what is left of a flight that

@@ -115,7 +115,7 @@ TEST(LateAnchor, ADoubtfulTrackIsMatchedAtOnce) {
     const FrameReport report = localizer.process(moment.image, moment.telemetry);
     if (before) {
       const bool doubt = !before->hpl_m || *before->hpl_m > 2 * certain_m;
-      const bool sure = before->hpl_m && *before->hpl_m < certain_m / 2;
+      const bool sure = before->hpl_m && *before->hpl_m < certain_m;
       const bool tried = report.anchor.verdict != AnchorVerdict::not_tried;
       EXPECT_FALSE(doubt && !tried) << moment.telemetry.frame;
       EXPECT_FALSE(sure && tried) << moment.telemetry.frame;
