@@ -47,6 +47,7 @@ struct PositionView {
   double sigma_m = 0;  // 1-sigma error per axis (equivalent circular)
   double east_var_m2 = 0, north_var_m2 = 0, east_north_cov_m2 = 0;
   std::optional<double> hpl_m{};  // protection level; nothing: no radius is known
+  double at_s = 0;                // when the aircraft was there: a frame's capture, or now for one carried on since
 };
 
 // What the mission demands of a position, and whether this one meets it.

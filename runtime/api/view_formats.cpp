@@ -42,7 +42,7 @@ json ellipse(const PositionView& position) {
           {"bearing_deg", number(ellipse.bearing_deg)}};
 }
 
-json position_json(const std::optional<PositionView>& position) {
+json position_json(const std::optional<PositionView>& position, double now_s) {
   if (!position) return {};
   return {{"lon", number(position->place.lon_deg)},
           {"lat", number(position->place.lat_deg)},
@@ -50,7 +50,8 @@ json position_json(const std::optional<PositionView>& position) {
           {"hpl_m", number(position->hpl_m)},
           {"covariance_m2",
            {number(position->east_var_m2), number(position->east_north_cov_m2), number(position->north_var_m2)}},
-          {"ellipse", ellipse(*position)}};
+          {"ellipse", ellipse(*position)},
+          {"age_s", number(std::max(0.0, now_s - position->at_s))}};
 }
 
 }  // namespace
@@ -68,7 +69,7 @@ json state_json(const FlightView& view, double age_s) {
                 {"state", name_of(view.state.state)},
                 {"reason", printable(view.state.reason)},
                 {"state_for_s", number(now_s - view.state.since_s)},
-                {"position", position_json(view.position)},
+                {"position", position_json(view.position, now_s)},
                 {"integrity",
                  {{"usable", view.integrity.usable},
                   {"risk", number(view.integrity.risk)},

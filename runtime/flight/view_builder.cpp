@@ -32,7 +32,8 @@ void ViewBuilder::on_event(const LocalizedFrame& frame) {
   view_.position.reset();
   if (estimate.position) {
     const auto& p = estimate.covariance_m2;
-    view_.position = PositionView{*estimate.position, estimate.sigma_m, p(0, 0), p(1, 1), p(0, 1), estimate.hpl_m};
+    view_.position = PositionView{*estimate.position, estimate.sigma_m,      p(0, 0), p(1, 1), p(0, 1),
+                                  estimate.hpl_m,     frame.telemetry.time_s};
     trail_.add({frame.telemetry.time_s, *estimate.position, estimate.sigma_m, estimate.source});
   }
   view_.source = estimate.source;
@@ -71,7 +72,7 @@ void ViewBuilder::restrict_to_fix(const ServiceStatus& status, const std::option
   view_.source = SourceLabel::no_fix;
   if (status.state != ServiceState::degraded || !last_fix) return;
   const double variance_m2 = last_fix->sigma_m * last_fix->sigma_m;
-  view_.position = PositionView{last_fix->place, last_fix->sigma_m, variance_m2, variance_m2, 0, status.hpl_m};
+  view_.position = PositionView{last_fix->place, last_fix->sigma_m, variance_m2, variance_m2, 0, status.hpl_m, now_s};
   view_.source = SourceLabel::dead_reckoned;
   if (last_fix->velocity) view_.velocity = VelocityView{last_fix->velocity->east_mps, last_fix->velocity->north_mps};
   trail_.add({now_s, last_fix->place, last_fix->sigma_m, view_.source});

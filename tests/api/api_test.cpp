@@ -57,6 +57,15 @@ TEST_F(ApiTest, OmitsAnUnknownPosition) {
   EXPECT_EQ(state["source"], "no_fix");
 }
 
+TEST_F(ApiTest, APositionSaysHowOldItIs) {
+  FlightView view = flight.at(now_s, ServiceState::normal);
+  view.position->at_s = now_s - 0.4;
+  board.publish(view);
+  EXPECT_NEAR(json(api.handle(get("/v1/state")))["position"]["age_s"].get<double>(), 0.4, 1e-9);
+  now_s += 0.25;  // nothing new is published
+  EXPECT_NEAR(json(api.handle(get("/v1/state")))["position"]["age_s"].get<double>(), 0.65, 1e-9);
+}
+
 // The longer axis of the ellipse, by hand: variances 9 along north-east, 1 across.
 TEST_F(ApiTest, ReportsTheCovarianceAsAnEllipse) {
   FlightView view = flight.at(now_s, ServiceState::normal);

@@ -91,7 +91,8 @@ FlightView ScriptedFlight::at(double time_s, ServiceState state) {
                      1.6 * sigma_m * sigma_m,
                      0.6 * sigma_m * sigma_m,
                      0.3 * sigma_m * sigma_m,
-                     6.5 * sigma_m};
+                     6.5 * sigma_m,
+                     time_s};
     view.integrity.usable = *view.position->hpl_m <= view.integrity.alert_limit_m;
     view.anchored_s =
         phase.source == SourceLabel::satellite_anchored ? time_s - std::fmod(time_s, kLastAnchorStep_s) : since_s_ - 14;
