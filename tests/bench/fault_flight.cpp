@@ -68,6 +68,7 @@ constexpr int kMostWrongHits = 50;
 constexpr double kFarShare = 0.4;  // of the alert limit: σ that is added for the score of the hazardous event
 constexpr double kWarned = 10;     // takes so much off the score for each factor e of the level beyond the alert limit
 constexpr double kNoLevel_m = 10'000;
+constexpr double kLeastScore = -50;
 
 Eigen::Vector2d random_direction(Random& random) {
   const double angle = random.uniform(-std::numbers::pi, std::numbers::pi);
@@ -302,10 +303,14 @@ void FaultFlight::advance(State& s, Random& random) const {
 }
 
 double FaultFlight::score(const State& s) const {
+  // A wrong start is never believed in more than before the first look: no path would be above the others.
+  const bool wrong_start =
+      fault_ == FlightFault::start_500 || fault_ == FlightFault::start_2000 || fault_ == FlightFault::start_and_map;
+  if (wrong_start && s.looks == 0) return kLeastScore;
   const double far_m = target_ == hazardous ? kFarShare * limits_.alert_limit_m : 0;
   const Eigen::Matrix2d common = common_m2(s.anchored) + far_m * far_m * Eigen::Matrix2d::Identity();
   const auto places = s.belief.place_states(s.covariance_m2());
-  double most = -50;
+  double most = kLeastScore;
   const auto weigh = [&](double weight, double others, const Eigen::Vector2d& off_m, const Eigen::Matrix2d& spread_m2) {
     const double at_truth = std::exp(-off_m.squaredNorm() / (2 * larger_eigenvalue(spread_m2 + common)));
     const double against = others + weight * at_truth, wrong = weight * (1 - at_truth);
