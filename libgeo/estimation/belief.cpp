@@ -363,7 +363,7 @@ void PlaceBelief::move_hits_to(const LookCandidate& candidate, const Weighing& w
     // What is left of the track: the candidate was a chance peak, and the track is where it was.
     add({track_, Eigen::Vector2d::Zero(), track.covariance_m2, 0, false, false, 0});
     track_ = at.weight;
-    track_footprints_ = (result.contradicted ? 0 : track_footprints_) + new_ground;
+    track_footprints_ = (weighing.track.chi2 > kChi2_999 ? 0 : track_footprints_) + new_ground;
     anchored_ = true;
     hinted_ = false;
   } else {

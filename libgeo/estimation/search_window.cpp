@@ -13,6 +13,7 @@ using namespace parameters::search_window;
 
 void SearchWindow::record_attempt(AnchorVerdict verdict) {
   if (verdict == AnchorVerdict::accepted) {
+    anchored_ = true;
     failures_ = 0;
     parts_ = 0;
   } else if (verdict != AnchorVerdict::no_map) {
@@ -22,11 +23,12 @@ void SearchWindow::record_attempt(AnchorVerdict verdict) {
 
 double SearchWindow::radius_m(double position_sigma_m) const {
   const double least_m = min_radius_m_ * (1 + std::min(failures_ / kFailuresPerRing, kMaxRings));
-  return std::clamp(kReachSigmas * position_sigma_m, least_m, std::max(least_m, max_radius_m_));
+  const double reach_m = (anchored_ ? kReachSigmas : kStartReachSigmas) * position_sigma_m;
+  return std::clamp(reach_m, least_m, std::max(least_m, max_radius_m_));
 }
 
 bool SearchWindow::lost(bool placed, double position_sigma_m) const {
-  return !placed || (area_ && kLostReachSigmas * position_sigma_m > max_radius_m_);
+  return !placed || (area_ && kReachSigmas * position_sigma_m > max_radius_m_);
 }
 
 PlaneBox SearchWindow::next_part(const PlaneBox& area, PlanePoint position) {
@@ -47,7 +49,7 @@ PlaneBox SearchWindow::next_part(const PlaneBox& area, PlanePoint position) {
 
 PlaneBox SearchWindow::reachable_area(bool placed, PlanePoint position, double position_sigma_m) const {
   if (!placed) return *area_;
-  const double reach_m = kLostReachSigmas * position_sigma_m;
+  const double reach_m = kReachSigmas * position_sigma_m;
   const PlaneBox both{
       std::max(area_->west_m, position.east_m - reach_m), std::max(area_->south_m, position.north_m - reach_m),
       std::min(area_->east_m, position.east_m + reach_m), std::min(area_->north_m, position.north_m + reach_m)};
@@ -63,7 +65,7 @@ std::optional<PlaneBox> OperatorHint::box(PlanePoint position, double sigma_m,
                                           const std::optional<PlaneBox>& area) const {
   const PlanePoint at = from_ ? PlanePoint(at_.vector() + position.vector() - from_->vector()) : at_;
   const double grown = from_ ? std::max(0.0, sigma_m * sigma_m - from_sigma_m_ * from_sigma_m_) : 0.0;
-  const double reach_m = std::max(kMinHintReach_m, radius_m_) + kLostReachSigmas * std::sqrt(grown);
+  const double reach_m = std::max(kMinHintReach_m, radius_m_) + kReachSigmas * std::sqrt(grown);
   PlaneBox box{at.east_m - reach_m, at.north_m - reach_m, at.east_m + reach_m, at.north_m + reach_m};
   if (!area) return box;
   box = {std::max(box.west_m, area->west_m), std::max(box.south_m, area->south_m), std::min(box.east_m, area->east_m),

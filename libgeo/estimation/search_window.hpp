@@ -1,9 +1,9 @@
 // Where on the map a frame is searched.
 //
-// With a prediction: a square of 5 σ around it, within limits, so that the true place competes with the chance peaks
-// of every look; it grows while frames match nowhere in it, because that contradicts the prediction. Without one
-// (lost): the part of the mission's area within 3 σ of the position, by suggestions first (an operator's hint, the
-// place index), else in parts of limited size, one for each frame.
+// With a prediction: a square of 3 σ around it, within limits; it grows while frames match nowhere in it, because that
+// contradicts the prediction. Until the first anchor 5 σ: a chance peak must not be alone with a start that is far off.
+// Without a prediction (lost): the part of the mission's area within 3 σ of the position, by suggestions first (an
+// operator's hint, the place index), else in parts of limited size, one for each frame.
 #pragma once
 
 #include <optional>
@@ -35,6 +35,7 @@ class SearchWindow {
  private:
   double min_radius_m_, max_radius_m_;
   std::optional<PlaneBox> area_;
+  bool anchored_ = false;
   int failures_ = 0;       // over the map, since the last anchor
   std::size_t parts_ = 0;  // handed out since the last anchor
 };

@@ -601,9 +601,9 @@ inline constexpr double kMinRadius_m = 60;       // half the side of the searche
 inline constexpr double kMaxRadius_m = 1200;     // beyond: the area is searched; time of a search, docs/benchmarks.md
 inline constexpr int kFailuresPerRing = 3;       // frames that fit nowhere widen the window by its least radius; chosen
 inline constexpr int kMaxRings = 4;              // chosen
-inline constexpr double kReachSigmas = 5;        // half side in σ of the position; 3 left out one start in 200, where
-                                                 // chance peaks compete with nothing: docs/safety-case.md
-inline constexpr double kLostReachSigmas = 3;    // of the area that is searched without a prediction: its time
+inline constexpr double kReachSigmas = 3;        // half side in σ of the position
+inline constexpr double kStartReachSigmas = 5;   // until the first anchor; 3 left out one start in 200, where chance
+                                                 // peaks compete with nothing: docs/safety-case.md
 inline constexpr double kPart_m = 1600;          // side of an area's part searched for one frame: its time
 inline constexpr double kHeadingSigmas = 3;      // searched headings
 inline constexpr double kScaleSigmas = 2.5;      // searched heights

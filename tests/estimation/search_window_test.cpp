@@ -19,10 +19,14 @@ void expect_box(const std::optional<PlaneBox>& box, double west, double south, d
   EXPECT_DOUBLE_EQ(box->north_m, north);
 }
 
-TEST(SearchWindow, FiveSigmasWithinLimits) {
-  const SearchWindow window(60, 600, kMissionArea);
+TEST(SearchWindow, FiveSigmasOfAStartThenThreeWithinLimits) {
+  SearchWindow window(60, 600, kMissionArea);
   EXPECT_DOUBLE_EQ(window.radius_m(5), 60);
   EXPECT_DOUBLE_EQ(window.radius_m(50), 250);
+  EXPECT_DOUBLE_EQ(window.radius_m(5000), 600);
+  window.record_attempt(AnchorVerdict::accepted);
+  EXPECT_DOUBLE_EQ(window.radius_m(5), 60);
+  EXPECT_DOUBLE_EQ(window.radius_m(50), 150);
   EXPECT_DOUBLE_EQ(window.radius_m(5000), 600);
 }
 
