@@ -55,6 +55,13 @@ AutopilotIdentity identify(AutopilotSession& session) {
     identity.address = message.source;
     return true;
   });
+  if (const auto closed = session.closed(); !received && closed) {
+    throw Error({.what = "cannot connect to the autopilot",
+                 .where = session.url(),
+                 .expected = "a port that can be opened",
+                 .found = closed->reason,
+                 .fix = closed->fix});
+  }
   if (!received) {
     throw Error({.what = "no autopilot answers",
                  .where = session.url(),

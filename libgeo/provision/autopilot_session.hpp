@@ -11,6 +11,7 @@
 #include <optional>
 #include <string>
 
+#include "mavlink/closed_link.hpp"
 #include "mavlink/link.hpp"
 
 namespace nadir {
@@ -36,6 +37,7 @@ class AutopilotSession {
 
   void send(const OutgoingMessage& message);
   LinkCounts counts() const { return link_->counts(); }
+  std::optional<ClosedLink> closed() const { return closed_link(link_->transport()); }  // nullopt: it is open
   const std::string& url() const { return url_; }
   double timeout_s() const { return timeout_s_; }
 

@@ -10,6 +10,7 @@
 #include "cli/terminal.hpp"
 #include "fixes/autopilot_backend.hpp"
 #include "imagery/frame_image.hpp"
+#include "mavlink/closed_link.hpp"
 #include "mavlink/link.hpp"
 
 namespace nadir {
@@ -31,7 +32,7 @@ std::optional<std::pair<int, int>> size_of(const CameraFrame& frame) {
 
 std::string silence(const LinkCounts& counts, const std::set<MavlinkAddress>& others, const Transport& transport,
                     bool is_signed) {
-  if (!transport.is_open()) return transport.last_error().empty() ? "the link is closed" : transport.last_error();
+  if (const auto closed = closed_link(transport)) return closed->reason;
   const std::uint64_t unsigned_frames = counts.signatures.without;
   const std::uint64_t invalid = counts.signatures.wrong + counts.signatures.replayed + counts.signatures.too_old;
   if (is_signed && invalid > 0)
@@ -141,14 +142,16 @@ PartCheck check_autopilot(std::unique_ptr<Transport> transport, const Airframe& 
     }
     return check;
   }
+  const auto closed = closed_link(link.transport());
   PartCheck check{silence(link.counts(), others, link.transport(), is_signed), {}};
   check.findings.add({.code = "autopilot.silent",
                       .where = "--autopilot",
                       .expected = fmt::format("a heartbeat of {}/{}{} within {:.0f} s", autopilot.system,
                                               autopilot.component, is_signed ? ", signed with our key," : "", limit_s),
                       .found = check.found,
-                      .fix = "check the address, the wiring, the system id in the airframe file, and the key "
-                             "(nadir provision autopilot)"});
+                      .fix = closed ? closed->fix
+                                    : "check the address, the wiring, the system id in the airframe file, and the key "
+                                      "(nadir provision autopilot)"});
   return check;
 }
 
