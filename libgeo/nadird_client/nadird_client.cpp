@@ -131,6 +131,7 @@ WatchedStatus parse_watched_status(std::string_view json_text) {
   status.frame_age_s = number(frames, "age_s");
   status.link_age_s = number(link, "age_s");
   status.link_connected = link.boolean("connected");
+  if (link.has("reason")) status.link_reason = text(link, "reason");
   status.link_signed = link.boolean("signed");
   status.fixes_sent = count(link, "fixes_sent");
   const JsonReader rejected_by = link.object("rejected_by");

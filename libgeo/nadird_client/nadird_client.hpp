@@ -50,6 +50,7 @@ struct WatchedStatus {
   std::uint64_t frames_received = 0, frames_dropped = 0, anchors_accepted = 0, anchors_rejected = 0, anchors_failed = 0;
   std::uint64_t corrupt_tiles = 0;
   bool link_connected = false, link_signed = false;
+  std::string link_reason;  // why it is not connected
   std::uint64_t fixes_sent = 0, link_rejected = 0;
   std::string gps, gps_reason, recorder, recorder_reason;
   std::vector<WatchedEvent> events, alarms;  // oldest first

@@ -78,7 +78,9 @@ std::string height_of(const WatchedStatus& status) {
 std::string link_of(const WatchedStatus& status) {
   const bool silent = status.link_age_s && *status.link_age_s > kSilent_s;
   return fmt::format("{}, {}, {} fixes sent, {} frames rejected{}",
-                     status.link_connected ? "connected" : "not connected",
+                     status.link_connected        ? "connected"
+                     : status.link_reason.empty() ? "not connected"
+                                                  : fmt::format("not connected ({})", status.link_reason),
                      status.link_signed ? "signed" : "NOT SIGNED: anybody can pose as the autopilot", status.fixes_sent,
                      status.link_rejected, silent ? ", silent for " + short_duration(*status.link_age_s) : "");
 }

@@ -75,6 +75,7 @@ struct AnchorsView {
 
 struct LinkView {
   bool connected = false;
+  std::string reason;  // why it is not connected
   bool signed_frames = false;
   std::optional<double> last_message_s;  // arrival of the autopilot's latest message
   std::uint64_t fixes_sent = 0;

@@ -95,6 +95,7 @@ json state_json(const FlightView& view, double age_s) {
                          {"rejected", view.anchors.rejected},
                          {"rejected_by", counts(view.anchors.rejected_by)}};
   document["link"] = {{"connected", view.link.connected},
+                      {"reason", printable(view.link.reason)},
                       {"signed", view.link.signed_frames},
                       {"age_s", age_of(view.link.last_message_s)},
                       {"fixes_sent", view.link.fixes_sent},

@@ -1,10 +1,13 @@
 #include "flight/autopilot_link.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 
 #include "base/platform.hpp"
 #include "mavlink/commands.hpp"
+#include "mavlink/closed_link.hpp"
 
 namespace nadir {
 namespace {
@@ -81,7 +84,15 @@ AutopilotLink::~AutopilotLink() { stop(); }
 
 void AutopilotLink::start() {
   thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
+std::string AutopilotLink::why_silent(const State& state, bool is_signed) {
+  if (!state.error.empty()) return state.error;
+  if (!state.supported) return fmt::format("it is {}, Nadir flies with {}", state.autopilot, supported_autopilots());
+  return is_signed ? "no heartbeat with a valid signature" : "no heartbeat";
 }
+
+}
+  receive(clock_.monotonic_s());
+  publish();
 
 void AutopilotLink::stop() {
   thread_.request_stop();
@@ -135,14 +146,7 @@ void AutopilotLink::run(const std::stop_token& stop) {
   while (!stop.stop_requested()) {
     beat_();
     const double now_s = clock_.monotonic_s();
-    const auto handle = [&](const ReceivedMessage& message) {
-      recognize_autopilot(now_s, message);
-      request_streams(now_s, message);
-      note_message(now_s, message);
-      predict_motion(now_s, message);
-      listener_.on_message(now_s, message);
-    };
-    link_.advance(us(now_s), handle, [&](MavlinkAddress claimed) { report_unauthenticated_peer(now_s, claimed); });
+    receive(now_s);
     report_rivals(now_s);
     advance_stations(now_s);
     while (const auto arrived = estimates_.try_take()) {
@@ -165,6 +169,17 @@ void AutopilotLink::run(const std::stop_token& stop) {
 
 // Ground stations get what is meant for people, loggers all.
 void AutopilotLink::send_everywhere(const OutgoingMessage& message, std::int64_t now_us) {
+void AutopilotLink::receive(double now_s) {
+  const auto handle = [&](const ReceivedMessage& message) {
+    recognize_autopilot(now_s, message);
+    request_streams(now_s, message);
+    note_message(now_s, message);
+    predict_motion(now_s, message);
+    listener_.on_message(now_s, message);
+  };
+  link_.advance(us(now_s), handle, [&](MavlinkAddress claimed) { report_unauthenticated_peer(now_s, claimed); });
+}
+
   link_.send(message, now_us);
   const bool for_people = std::holds_alternative<OwnHeartbeat>(message) ||
                           std::holds_alternative<StatusText>(message) || std::holds_alternative<CommandAck>(message) ||
@@ -317,13 +332,13 @@ void AutopilotLink::publish() {
   const std::scoped_lock lock(mutex_);
   state_.stations.clear();
   for (const Station& station : stations_) {
-    const Transport& transport = station.link.transport();
-    state_.stations.push_back({station.setup.role, station.setup.endpoint, transport.is_open(),
-                               transport.is_open() ? std::string() : transport.last_error(), station.link.counts().sent,
-                               station.commands});
+    const auto closed = closed_link(station.link.transport());
+    state_.stations.push_back({station.setup.role, station.setup.endpoint, !closed,
+                               closed ? closed->reason : std::string(), station.link.counts().sent, station.commands});
   }
-  state_.open = link_.transport().is_open();
-  state_.error = state_.open ? std::string() : link_.transport().last_error();
+  const auto closed = closed_link(link_.transport());
+  state_.open = !closed;
+  state_.error = closed ? closed->reason : std::string();
   state_.missing = backend_ ? backend_->missing() : std::string();
   state_.counts = link_.counts();
 }

@@ -146,7 +146,8 @@ class AutopilotLink {
   AutopilotLink(const AutopilotLink&) = delete;
   AutopilotLink& operator=(const AutopilotLink&) = delete;
 
-  // Once: the thread begins. A listener may use the link, and so its owner must have it before.
+  // Once: the thread begins. A listener may use the link, and so its owner must have it before. The link has been tried
+  // when this returns: state() says why it is closed.
   void start();
   void stop();  // joins the thread; later messages are lost
 
@@ -191,8 +192,12 @@ class AutopilotLink {
   State state() const;
 
  private:
+  // Why the autopilot of this state is not connected, for people.
+  static std::string why_silent(const State& state, bool is_signed);
+
   void run(const std::stop_token& stop);
   ServiceStatus status() const;
+  void receive(double now_s);
   void send_fix(double now_s, const ServiceStatus& status);
   void recognize_autopilot(double now_s, const ReceivedMessage& message);
   void request_streams(double now_s, const ReceivedMessage& message);

@@ -570,14 +570,8 @@ AwaitedParts FlightService::awaited_parts() const {
                        last_.camera_failure.empty() ? "no frame" : last_.camera_failure);
   };
   const auto autopilot = [this] {
-    const AutopilotLink::State link = link_->state();
-    const std::string& error = link.error;
     return fmt::format("the autopilot {}/{} at {}: {}", airframe_.system, airframe_.autopilot, options_.autopilot,
-                       !error.empty() ? error
-                       : !link.supported
-                           ? fmt::format("it is {}, Nadir flies with {}", link.autopilot, supported_autopilots())
-                       : options_.link_key ? "no heartbeat with a valid signature"
-                                           : "no heartbeat");
+                       AutopilotLink::why_silent(link_->state(), options_.link_key.has_value()));
   };
   std::vector<AwaitedParts::Part> parts;
   parts.push_back({"package", [this](double) { return map_ != nullptr; },

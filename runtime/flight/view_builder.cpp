@@ -90,6 +90,7 @@ void ViewBuilder::set_frames(const MailboxCounts& counts, double now_s) {
 void ViewBuilder::set_link(const AutopilotLink::State& state, bool connected, bool is_signed) {
   const LinkCounts& counts = state.counts;
   view_.link.connected = connected;
+  view_.link.reason = connected ? std::string() : AutopilotLink::why_silent(state, is_signed);
   view_.link.last_message_s = state.last_message_s;
   attitude_ = state.attitude;
   attitude_s_ = state.attitude_s;

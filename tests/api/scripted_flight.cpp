@@ -105,7 +105,8 @@ FlightView ScriptedFlight::at(double time_s, ServiceState state) {
   const auto frames = static_cast<std::uint64_t>(time_s * 3);
   view.frames = {frames, frames / 60, 3, state == ServiceState::degraded ? since_s_ : time_s};
   view.anchors = {frames / 9, frames / 40, 0, {{"ambiguous", frames / 60}, {"few_inliers", frames / 120}}};
-  view.link.connected = true;
+  view.link.connected = state != ServiceState::awaiting_autopilot;
+  if (!view.link.connected) view.link.reason = "serial:/dev/ttyAMA0:921600: Device or resource busy";
   view.link.signed_frames = link_signed_;
   view.link.last_message_s = time_s;
   view.link.fixes_sent = static_cast<std::uint64_t>(time_s * 10);

@@ -31,8 +31,8 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
 
 std::optional<ServiceState> state_named(const std::string& name) {
   for (const ServiceState state :
-       {ServiceState::boot, ServiceState::no_package, ServiceState::relocalizing, ServiceState::normal,
-        ServiceState::degraded, ServiceState::no_fix, ServiceState::failsafe}) {
+       {ServiceState::boot, ServiceState::no_package, ServiceState::awaiting_autopilot, ServiceState::relocalizing,
+        ServiceState::normal, ServiceState::degraded, ServiceState::no_fix, ServiceState::failsafe}) {
     if (name == name_of(state)) return state;
   }
   return std::nullopt;

@@ -58,6 +58,13 @@ class Watch(unittest.TestCase):
         self.assertEqual(1, result.returncode)
         self.assertIn("NO FIX", result.stdout)
 
+    def test_an_autopilot_that_is_not_connected_is_shown_with_the_reason(self):
+        service = self.serve()
+        service.command("awaiting_autopilot")
+        while "AWAITING AUTOPILOT" not in (result := self.watch(service.url, "--once")).stdout:
+            pass
+        self.assertIn("not connected (serial:/dev/ttyAMA0:921600: Device or resource busy), signed", result.stdout)
+
     def test_lines_for_a_log(self):
         service = self.serve()
         process = self.watching(service.url, "--interval-s", "0.1", stdout=subprocess.PIPE, text=True)

@@ -217,6 +217,23 @@ TEST_F(AutopilotLinkTest, KnowsWhetherPx4FusesGps) {
   }
 }
 
+TEST(AutopilotLinkState, APortThatCannotBeOpenedIsKnownOnceTheLinkIsStarted) {
+  const HeldClock clock;
+  ThreadWatch watch(clock);
+  AutopilotLinkSetup setup{.airframe = {},
+                           .transport = make_transport(parse_endpoint("serial:/dev/nadir-no-such-port:57600")),
+                           .key = std::nullopt};
+  AutopilotLink link(std::move(setup), clock, watch, {[](double, const ReceivedMessage&) {}, [](double) {}, {}, {}});
+  link.start();
+  EXPECT_FALSE(link.state().open);
+  EXPECT_EQ(AutopilotLink::why_silent(link.state(), true),
+            "serial:/dev/nadir-no-such-port:57600: No such file or directory");
+  AutopilotLink::State open = link.state();
+  open.error.clear();
+  EXPECT_EQ(AutopilotLink::why_silent(open, true), "no heartbeat with a valid signature");
+  EXPECT_EQ(AutopilotLink::why_silent(open, false), "no heartbeat");
+}
+
 TEST_F(AutopilotLinkTest, AnotherAutopilotGetsNothing) {
   autopilot_beats(MAV_AUTOPILOT_PPZ);
   permit(true, true, 3);

@@ -176,7 +176,14 @@ TEST(ViewBuilder, CountsRejectedFramesOfTheLink) {
   state.counts.malformed = 2;
   state.counts.signatures.wrong = 3;
   ViewBuilder views("b");
+  state.error = "serial:/dev/ttyAMA0:921600: Device or resource busy";
+  views.set_link(state, false, true);
+  EXPECT_EQ(view_of(views).link.reason, state.error);
+  state.error.clear();
+  views.set_link(state, false, true);
+  EXPECT_EQ(view_of(views).link.reason, "no heartbeat with a valid signature");
   views.set_link(state, true, true);
+  EXPECT_EQ(view_of(views).link.reason, "");
   const FlightView view = view_of(views);
   EXPECT_TRUE(view.link.connected);
   EXPECT_TRUE(view.link.signed_frames);
