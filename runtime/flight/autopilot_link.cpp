@@ -4,10 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "base/platform.hpp"
-#include "mavlink/commands.hpp"
 #include "mavlink/closed_link.hpp"
+#include "mavlink/commands.hpp"
 
 namespace nadir {
 namespace {
@@ -65,6 +66,7 @@ AutopilotLink::AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock,
       backend_(
           make_autopilot_backend(AutopilotType::ardupilot, {airframe_.system, airframe_.autopilot}, airframe_.gps_id)),
       parameters_(airframe_.parameters, {airframe_.system, airframe_.autopilot}),
+      parameter_check_(parameters_.check()),
       gps_switch_(setup.switch_gps
                       ? std::optional(GpsFusionSwitch(airframe_.parameters, {airframe_.system, airframe_.autopilot}))
                       : std::nullopt),
@@ -82,17 +84,17 @@ AutopilotLink::AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock,
 
 AutopilotLink::~AutopilotLink() { stop(); }
 
-void AutopilotLink::start() {
-  thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
 std::string AutopilotLink::why_silent(const State& state, bool is_signed) {
   if (!state.error.empty()) return state.error;
   if (!state.supported) return fmt::format("it is {}, Nadir flies with {}", state.autopilot, supported_autopilots());
   return is_signed ? "no heartbeat with a valid signature" : "no heartbeat";
 }
 
-}
+void AutopilotLink::start() {
   receive(clock_.monotonic_s());
   publish();
+  thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
+}
 
 void AutopilotLink::stop() {
   thread_.request_stop();
@@ -167,8 +169,6 @@ void AutopilotLink::run(const std::stop_token& stop) {
   }
 }
 
-// Ground stations get what is meant for people, loggers all.
-void AutopilotLink::send_everywhere(const OutgoingMessage& message, std::int64_t now_us) {
 void AutopilotLink::receive(double now_s) {
   const auto handle = [&](const ReceivedMessage& message) {
     recognize_autopilot(now_s, message);
@@ -180,6 +180,8 @@ void AutopilotLink::receive(double now_s) {
   link_.advance(us(now_s), handle, [&](MavlinkAddress claimed) { report_unauthenticated_peer(now_s, claimed); });
 }
 
+// Ground stations get what is meant for people, loggers all.
+void AutopilotLink::send_everywhere(const OutgoingMessage& message, std::int64_t now_us) {
   link_.send(message, now_us);
   const bool for_people = std::holds_alternative<OwnHeartbeat>(message) ||
                           std::holds_alternative<StatusText>(message) || std::holds_alternative<CommandAck>(message) ||
@@ -263,16 +265,28 @@ void AutopilotLink::recognize_autopilot(double now_s, const ReceivedMessage& mes
   }
   if (!recognized_) return;
   backend_->on_message(us(now_s), message.message);
-  if (heartbeat != nullptr && heartbeat->is_autopilot) {
-    for (OutgoingMessage& request : parameters_.on_heartbeat(*heartbeat)) outgoing_.put(std::move(request));
-  } else if (const auto* parameter = std::get_if<ParameterValue>(&message.message)) {
+  compare_parameters(now_s, message.message);
+}
+
+void AutopilotLink::compare_parameters(double now_s, const IncomingMessage& message) {
+  const auto report = [&](OnboardEvent event) {
+    if (listener_.on_parameters) listener_.on_parameters(std::move(event));
+  };
+  if (const auto* heartbeat = std::get_if<Heartbeat>(&message); heartbeat != nullptr && heartbeat->is_autopilot) {
+    ParameterWatch::Turn turn = parameters_.on_heartbeat(now_s, *heartbeat);
+    for (OutgoingMessage& request : turn.requests) outgoing_.put(std::move(request));
+    if (turn.missing) report(*std::move(turn.missing));
+  } else if (const auto* version = std::get_if<AutopilotVersion>(&message)) {
+    if (auto changed = parameters_.on_message(*version)) report(*std::move(changed));
+  } else if (const auto* parameter = std::get_if<ParameterValue>(&message)) {
     if (gps_switch_) {
       if (auto text = gps_switch_->on_message(*parameter)) outgoing_.put(*std::move(text));
       gps_is_off_ = gps_switch_->is_off();
     }
-    const auto changed = parameters_.on_message(*parameter);
-    if (changed && listener_.on_parameter_changed) listener_.on_parameter_changed(*changed);
+    if (auto changed = parameters_.on_message(*parameter)) report(*std::move(changed));
   }
+  const ParameterCheck check = parameters_.check();
+  if (std::exchange(parameter_check_, check) != check) report(ParametersCompared{check});
 }
 
 // At the first heartbeat, and again periodically: the autopilot may have rebooted.

@@ -137,8 +137,9 @@ class AutopilotLink {
     // A fix was due: inputs.sent says whether it went out, with a position or as "no fix", which PX4 is told by
     // silence.
     std::function<void(DueFix due)> on_fix{};
-    // Before take-off: a parameter is not what the airframe file says, or is again.
-    std::function<void(const ParameterChanged&)> on_parameter_changed{};
+    // What the comparison of parameters found (parameter_watch.hpp): ParameterChanged, ParametersMissing,
+    // AutopilotVersionChanged, ParametersCompared.
+    std::function<void(OnboardEvent)> on_parameters{};
   };
 
   AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock, ThreadWatch& watch, Listener listener);
@@ -191,15 +192,16 @@ class AutopilotLink {
   };
   State state() const;
 
- private:
   // Why the autopilot of this state is not connected, for people.
   static std::string why_silent(const State& state, bool is_signed);
 
+ private:
   void run(const std::stop_token& stop);
-  ServiceStatus status() const;
   void receive(double now_s);
+  ServiceStatus status() const;
   void send_fix(double now_s, const ServiceStatus& status);
   void recognize_autopilot(double now_s, const ReceivedMessage& message);
+  void compare_parameters(double now_s, const IncomingMessage& message);
   void request_streams(double now_s, const ReceivedMessage& message);
   void note_message(double now_s, const ReceivedMessage& received);
   void predict_motion(double now_s, const ReceivedMessage& received);
@@ -228,6 +230,7 @@ class AutopilotLink {
   std::unique_ptr<AutopilotBackend> backend_;
   bool recognized_ = false;  // by a heartbeat
   ParameterWatch parameters_;
+  ParameterCheck parameter_check_;  // as it was reported
   std::optional<GpsFusionSwitch> gps_switch_;
   std::atomic<bool> gps_is_off_ = false;
 

@@ -1,6 +1,7 @@
 #include "flight/flight_journal.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <utility>
 
@@ -115,6 +116,24 @@ void FlightJournal::on(double time_s, const ParameterChanged& changed) {
   note(time_s, EventSeverity::critical, "autopilot",
        fmt::format("{} is {}; it was provisioned as {}: provision again, or set it back", changed.name, changed.found,
                    changed.expected));
+}
+
+void FlightJournal::on(double time_s, const ParametersMissing& missing) {
+  note(time_s, EventSeverity::critical, "autopilot",
+       fmt::format("{}: the autopilot {}; it was provisioned with {}: provision again", fmt::join(missing.names, ", "),
+                   missing.all ? "answers for no parameter" : "does not answer, and answers for others",
+                   missing.names.size() == 1 ? "it" : "them"));
+}
+
+void FlightJournal::on(double time_s, const AutopilotVersionChanged& changed) {
+  if (changed.as_expected) {
+    note(time_s, EventSeverity::info, "autopilot",
+         fmt::format("PX4 is {}, and was provisioned as {}", changed.version, changed.expected));
+    return;
+  }
+  note(time_s, EventSeverity::critical, "autopilot",
+       fmt::format("PX4 is {}; it was provisioned as {}, which takes our position by other parameters: provision again",
+                   changed.version, changed.expected));
 }
 
 void OperatorTexts::add(TextSeverity severity, std::string text) {

@@ -46,6 +46,8 @@ class FlightJournal {
   void on(double time_s, const HintRefused& refused);
   void on(double time_s, const LinkRivalSeen& rival);
   void on(double time_s, const ParameterChanged& changed);
+  void on(double time_s, const ParametersMissing& missing);
+  void on(double time_s, const AutopilotVersionChanged& changed);
 
   void add(double time_s, EventSeverity severity, const std::string& kind, const std::string& text);
 

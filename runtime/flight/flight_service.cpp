@@ -28,8 +28,9 @@ Airframe fix_aided(Airframe airframe) {
   return airframe;
 }
 
-ServiceConfig service_config(const OpenPackage* package) {
+ServiceConfig service_config(const OpenPackage* package, const Airframe& airframe) {
   ServiceConfig config;
+  if (!airframe.parameters.empty()) config.parameters = ParameterCheck::pending;
   if (package == nullptr) return config;
   const IntegrityRequirement& integrity = package->mission().integrity;
   config.integrity_risk = integrity.risk;
@@ -79,7 +80,7 @@ FlightService::FlightService(const FlightOptions& options, VerifiedPackage verif
                .resumed = verified.resumed},
       acceptance_{.phase = FlightPhase(verified.acceptance && verified.acceptance->airborne),
                   .record = std::move(verified.acceptance)},
-      machine_(clock.monotonic_s(), service_config(verified.package.get())),
+      machine_(clock.monotonic_s(), service_config(verified.package.get(), options.airframe)),
       gps_{.health = GpsHealth(clock.monotonic_s())},
       views_(fmt::format("{:x}", clock.unix_us())),
       manager_(read_service_environment().notify_socket),
@@ -208,7 +209,7 @@ void FlightService::start_link() {
   listener.on_jump = [this](double distance_m) { publish(FixJumped{distance_m}); };
   listener.on_unauthenticated_peer = [this] { publish(AutopilotHeartbeat{LinkAuthentication::missing, false}); };
   listener.on_fix = [this](DueFix due) { record_fix(std::move(due)); };
-  listener.on_parameter_changed = [this](const ParameterChanged& changed) { publish(changed); };
+  listener.on_parameters = [this](OnboardEvent event) { publish(std::move(event)); };
   listener.on_rival = [this](std::uint64_t frames) { publish(LinkRivalSeen{frames}); };
   HintIntake::MapDistance distance_m;
   if (map_) distance_m = [this](const LonLat& place) { return map_->distance_m(place); };
@@ -438,6 +439,17 @@ void FlightService::react(double, const ParameterChanged& changed) {
   if (changed.restored()) return;
   operator_texts_.add(TextSeverity::critical,
                       fmt::format("Nadir: {} was changed, is {:g}", changed.name, changed.found));
+}
+
+void FlightService::react(double, const ParametersMissing& missing) {
+  const std::string what =
+      missing.names.size() == 1 ? missing.names.front() : fmt::format("{} parameters", missing.names.size());
+  operator_texts_.add(TextSeverity::critical, fmt::format("Nadir: {} missing, provision again", what));
+}
+
+void FlightService::react(double, const AutopilotVersionChanged& changed) {
+  if (changed.as_expected) return;
+  operator_texts_.add(TextSeverity::critical, fmt::format("Nadir: PX4 is {}, provision again", changed.version));
 }
 
 void FlightService::react(double, const PositionHinted& hint) {

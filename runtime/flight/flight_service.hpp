@@ -163,6 +163,8 @@ class FlightService {
   void react(double time_s, const FixJumped& jumped);
   void react(double time_s, const LinkRivalSeen& rival);
   void react(double time_s, const ParameterChanged& changed);
+  void react(double time_s, const ParametersMissing& missing);
+  void react(double time_s, const AutopilotVersionChanged& changed);
   void react(double time_s, const PositionHinted& hint);
   void react(double time_s, const HintRefused& refused);
   void react(double time_s, const GpsFix3d& fix);

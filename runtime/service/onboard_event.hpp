@@ -8,6 +8,7 @@
 #include <string>
 #include <string_view>
 #include <variant>
+#include <vector>
 
 #include "estimation/estimate.hpp"
 #include "estimation/telemetry.hpp"
@@ -67,6 +68,31 @@ struct ParameterChanged {
   double found = 0;  // equal: it is again
 
   bool restored() const { return found == expected; }
+};
+
+// The autopilot does not answer for these parameters, which the airframe file lists.
+struct ParametersMissing {
+  std::vector<std::string> names;  // not empty
+  bool all = false;                // it answers for none of those that the file lists
+};
+
+// PX4's version is not, or again, one that the parameters of the airframe file were made for.
+struct AutopilotVersionChanged {
+  std::string version;   // "1.16.0"
+  std::string expected;  // "1.18 or later"
+  bool as_expected = false;
+};
+
+// Whether the autopilot is set to use our position, as far as its parameters tell (flight/parameter_watch.hpp).
+enum class ParameterCheck {
+  none_listed,     // the airframe file lists no parameters: nothing is compared
+  pending,         // not all have been compared yet
+  as_provisioned,  // all are as the airframe file says
+  deviating,       // one differs or is missing, or PX4's version is another
+};
+
+struct ParametersCompared {
+  ParameterCheck check = ParameterCheck::none_listed;
 };
 
 // GPS_RAW_INT of a real receiver, never of the fixes that we send.
@@ -159,8 +185,9 @@ struct StateTransition {
 
 using OnboardEvent =
     std::variant<PackageVerified, PackageRestored, EstimateRestored, PartReported, AutopilotHeartbeat, LinkRivalSeen,
-                 ParameterChanged, GpsFix3d, EkfReport, PositionHinted, HintRefused, FixJumped, FrameReceived,
-                 CameraFailed, LocalizedFrame, MatchFailed, TileCorrupt, GpsAssessment, StateTransition>;
+                 ParameterChanged, ParametersMissing, AutopilotVersionChanged, ParametersCompared, GpsFix3d, EkfReport,
+                 PositionHinted, HintRefused, FixJumped, FrameReceived, CameraFailed, LocalizedFrame, MatchFailed,
+                 TileCorrupt, GpsAssessment, StateTransition>;
 
 struct TimedEvent {
   double time_s = 0;  // monotonic, when it was published

@@ -62,7 +62,8 @@ ServiceMachine::ServiceMachine(double now_s, const ServiceConfig& config)
       since_s_(now_s),
       level_sigmas_(sigmas_of_risk(config.integrity_risk)),
       time_to_alert_s_(config.time_to_alert_s),
-      usability_(config.alert_limit_m, config.time_to_alert_s) {}
+      usability_(config.alert_limit_m, config.time_to_alert_s),
+      parameters_(config.parameters) {}
 
 void ServiceMachine::begin_update(double now_s) {
   transitions_.clear();
@@ -171,12 +172,32 @@ void ServiceMachine::choose_leader() {
   const bool gps_is_bad = gps_ == GpsVerdict::denied || gps_ == GpsVerdict::spoofed;
   if (leader_ == PositionLeader::gps && gps_is_bad && provides_position()) {
     leader_ = PositionLeader::vision;
-    note(ServiceReason::vision_leads, fmt::format("GPS is {}", name_of(gps_)));
+    vision_leads_s_ = now_s_;
   } else if (leader_ == PositionLeader::vision && gps_ == GpsVerdict::trusted) {
     leader_ = PositionLeader::gps;
+    lead_note_.reset();
     note(ServiceReason::gps_leads);
   }
+  if (leader_ == PositionLeader::vision) note_lead();
 }
+
+// Whether the autopilot navigates by our position is known once its parameters are compared; after a restart in flight
+// that takes some seconds. What is found later is noted, too.
+void ServiceMachine::note_lead() {
+  if (parameters_ == ParameterCheck::pending && now_s_ - vision_leads_s_ < kParametersPending_s) return;
+  const bool confirmed = parameters_ == ParameterCheck::none_listed || parameters_ == ParameterCheck::as_provisioned;
+  const ServiceReason reason = confirmed ? vision_leads : vision_leads_unconfirmed;
+  if (lead_note_ == reason) return;
+  lead_note_ = reason;
+  const std::string gps = fmt::format("GPS is {}", name_of(gps_));
+  note(reason, confirmed ? gps
+                         : fmt::format("{}, and its parameters {}", gps,
+                                       parameters_ == ParameterCheck::deviating
+                                           ? "are not as they were provisioned"
+                                           : "have not all been compared since the start"));
+}
+
+void ServiceMachine::on(const ParametersCompared& parameters) { parameters_ = parameters.check; }
 
 void ServiceMachine::on(const PackageVerified& package) { package_ = package; }
 

@@ -50,6 +50,7 @@ struct ServiceConfig {
   double integrity_risk = 1e-5;  // per look
   double alert_limit_m = 100;
   double time_to_alert_s = 3;
+  ParameterCheck parameters = ParameterCheck::none_listed;  // at the start
 };
 
 enum class PositionLeader { gps, vision };
@@ -100,6 +101,7 @@ class ServiceMachine {
   void on(const MatchFailed&);
   void on(const EstimateRestored& restored);
   void on(const GpsAssessment& gps);
+  void on(const ParametersCompared& parameters);
 
   void begin_update(double now_s);
   void apply_rules();  // what follows from the inputs at this time
@@ -108,6 +110,7 @@ class ServiceMachine {
   void check_level();
   void check_usability();
   void choose_leader();
+  void note_lead();
   void enter(const Step& step);
   void note(ServiceReason reason, const std::string& detail = {});
 
@@ -170,7 +173,10 @@ class ServiceMachine {
 
   GpsVerdict gps_ = GpsVerdict::unknown;
   PositionLeader leader_ = PositionLeader::gps;
-  std::optional<double> position_s_;  // the last position, ours or of GPS, or armed: failsafe counts from here
+  ParameterCheck parameters_;               // of the autopilot: whether it uses our position
+  double vision_leads_s_ = 0;               // since when ours leads, while it does
+  std::optional<ServiceReason> lead_note_;  // what the operator was told about it
+  std::optional<double> position_s_;        // the last position, ours or of GPS, or armed: failsafe counts from here
 };
 
 }  // namespace nadir

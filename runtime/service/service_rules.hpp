@@ -39,11 +39,12 @@ inline constexpr double kReturnFromNoFix_s = 1;
 inline constexpr double kReturnFromFailsafe_s = 2;
 
 // ---- periods and timeouts [design]
-inline constexpr double kLinkLost_s = 5;       // no message from the autopilot
-inline constexpr double kSavePeriod_s = 1;     // of the state directory
-inline constexpr double kHealthPeriod_s = 5;   // of the measures of the machine, in the recorder
-inline constexpr double kAwaitedAfter_s = 5;   // without a frame or the autopilot: it is waited for
-inline constexpr double kAwaitedAgain_s = 60;  // between two lines of the log about what is waited for
+inline constexpr double kLinkLost_s = 5;            // no message from the autopilot
+inline constexpr double kParametersPending_s = 15;  // to compare the autopilot's parameters, once our position leads
+inline constexpr double kSavePeriod_s = 1;          // of the state directory
+inline constexpr double kHealthPeriod_s = 5;        // of the measures of the machine, in the recorder
+inline constexpr double kAwaitedAfter_s = 5;        // without a frame or the autopilot: it is waited for
+inline constexpr double kAwaitedAgain_s = 60;       // between two lines of the log about what is waited for
 
 // ---- lists of events [design]
 inline constexpr double kRepeatWindow_s = 300;  // an event of the same wording is one line, with a count

@@ -57,6 +57,7 @@ enum class ServiceReason {
   gps_spoofed,
   gps_trusted,
   vision_leads,
+  vision_leads_unconfirmed,
   gps_leads,
   position_not_usable,
   position_usable_again,

@@ -56,6 +56,10 @@ class AutopilotLinkTest : public ::testing::Test {
                                                                 [this](DueFix due) {
                                                                   const std::scoped_lock lock(mutex_);
                                                                   due_.push_back(std::move(due));
+                                                                },
+                                                                [this](OnboardEvent event) {
+                                                                  const std::scoped_lock lock(mutex_);
+                                                                  parameter_events_.push_back(std::move(event));
                                                                 }});
     link_->start();
     peer_.listen_until([&] { return heartbeats() == 1; });
@@ -118,6 +122,7 @@ class AutopilotLinkTest : public ::testing::Test {
   std::vector<double> jumps_m_;
   std::vector<VisionEstimate> seen_;
   std::vector<DueFix> due_;
+  std::vector<OnboardEvent> parameter_events_;
   std::unique_ptr<AutopilotLink> link_;
 };
 
@@ -215,6 +220,97 @@ TEST_F(AutopilotLinkTest, KnowsWhetherPx4FusesGps) {
     second();
     EXPECT_EQ(link_->gps_is_off(), control == 0);
   }
+}
+
+// PX4 as its parameters are provisioned: it answers requests for those that it has, and is set.
+class ProvisionedPx4 : public AutopilotLinkTest {
+ protected:
+  ProvisionedPx4() : AutopilotLinkTest(provisioned()) {}
+  static Airframe provisioned() {
+    Airframe airframe;
+    airframe.parameters = {{"EKF2_AGP1_CTRL", 1}, {"EKF2_GPS_CTRL", 7}};
+    return airframe;
+  }
+
+  void send_value(const std::string& name) {
+    mavlink_message_t message;
+    mavlink_param_value_t value{};
+    std::memcpy(&value.param_value, &has_.at(name), sizeof(std::int32_t));
+    value.param_type = MAV_PARAM_TYPE_INT32;
+    std::strncpy(value.param_id, name.c_str(), sizeof value.param_id);
+    mavlink_msg_param_value_encode(7, 1, &message, &value);
+    peer_.send(message);
+  }
+
+  void send_version(std::uint32_t flight_software) {
+    mavlink_message_t message;
+    mavlink_autopilot_version_t version{};
+    version.flight_sw_version = flight_software;
+    mavlink_msg_autopilot_version_encode(7, 1, &message, &version);
+    peer_.send(message);
+  }
+
+  // A second with a heartbeat and answers to what came in it.
+  void fly(int seconds, GpsVerdict gps = GpsVerdict::unknown) {
+    for (int i = 0; i < seconds; ++i) {
+      ServiceStatus status;
+      status.serves_fixes = true;
+      status.gps = gps;
+      link_->on_status(status);
+      autopilot_beats(MAV_AUTOPILOT_PX4);
+      second();
+      for (const auto requests = peer_.received(MAVLINK_MSG_ID_PARAM_REQUEST_READ); read_ < requests.size(); ++read_) {
+        char name[17] = {};
+        mavlink_msg_param_request_read_get_param_id(&requests[read_], name);
+        if (has_.contains(name)) send_value(name);
+      }
+      for (const auto sets = peer_.received(MAVLINK_MSG_ID_PARAM_SET); set_ < sets.size(); ++set_) {
+        char name[17] = {};
+        mavlink_msg_param_set_get_param_id(&sets[set_], name);
+        const float wire = mavlink_msg_param_set_get_param_value(&sets[set_]);
+        std::memcpy(&has_.at(name), &wire, sizeof wire);
+        send_value(name);
+      }
+    }
+  }
+
+  template <class Event>
+  std::vector<Event> events() {
+    std::vector<Event> found;
+    const std::scoped_lock lock(mutex_);
+    for (const OnboardEvent& event : parameter_events_) {
+      if (const auto* one = std::get_if<Event>(&event)) found.push_back(*one);
+    }
+    return found;
+  }
+
+  std::map<std::string, std::int32_t> has_{{"EKF2_AGP1_CTRL", 1}, {"EKF2_GPS_CTRL", 7}};
+
+ private:
+  std::size_t read_ = 0, set_ = 0;
+};
+
+TEST_F(ProvisionedPx4, IsComparedAndAVersionThatTakesOurPositionOtherwiseIsReported) {
+  fly(2);
+  send_version(0x011200FF);
+  fly(2);
+  ASSERT_FALSE(events<ParametersCompared>().empty());
+  EXPECT_EQ(events<ParametersCompared>().back().check, ParameterCheck::as_provisioned);
+  send_version(0x011000FF);
+  fly(1);
+  ASSERT_EQ(events<AutopilotVersionChanged>().size(), 1U);
+  EXPECT_EQ(events<AutopilotVersionChanged>().front().version, "1.16.0");
+  EXPECT_EQ(events<ParametersCompared>().back().check, ParameterCheck::deviating);
+}
+
+TEST_F(ProvisionedPx4, AParameterThatItDoesNotHaveIsReported) {
+  fly(1);
+  send_version(0x011200FF);
+  has_.erase("EKF2_AGP1_CTRL");
+  fly(20);
+  ASSERT_EQ(events<ParametersMissing>().size(), 1U);
+  EXPECT_EQ(events<ParametersMissing>().front().names, std::vector<std::string>{"EKF2_AGP1_CTRL"});
+  EXPECT_EQ(events<ParametersCompared>().back().check, ParameterCheck::deviating);
 }
 
 TEST(AutopilotLinkState, APortThatCannotBeOpenedIsKnownOnceTheLinkIsStarted) {

@@ -53,6 +53,21 @@ TEST(FlightJournal, ReportsTheFirstFailedMatchOfARowAndItsEnd) {
   EXPECT_THAT(texts(), ElementsAre(testing::_, "matching to the map works again"));
 }
 
+TEST(FlightJournal, SaysWhichParametersAreMissingAndWhatToDo) {
+  FlightJournal journal(nullptr);
+  journal.on_event(1, ParametersMissing{{"EKF2_AGP0_CTRL", "EKF2_AGP0_ID"}});
+  journal.on_event(2, AutopilotVersionChanged{.version = "1.16.0", .expected = "1.18 or later"});
+  std::vector<std::string> alarms;
+  for (const FlightEvent& event : journal.alarms().events()) alarms.push_back(event.text);
+  EXPECT_THAT(alarms,
+              ElementsAre("EKF2_AGP0_CTRL, EKF2_AGP0_ID: the autopilot does not answer, and answers for others; it "
+                          "was provisioned with them: provision again",
+                          "PX4 is 1.16.0; it was provisioned as 1.18 or later, which takes our position by other "
+                          "parameters: provision again"));
+  journal.on_event(3, AutopilotVersionChanged{.version = "1.18.0", .expected = "1.18 or later", .as_expected = true});
+  EXPECT_EQ(journal.alarms().events().size(), 2);
+}
+
 TEST(OperatorTexts, WaitInOrderAndAreDeliveredOnce) {
   OperatorTexts texts;
   texts.add(TextSeverity::critical, "lost");

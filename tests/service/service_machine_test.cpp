@@ -440,6 +440,40 @@ TEST(FailsafeAndLead, OurFixLeadsAtOnceWhenGpsFails) {
   }
 }
 
+// Nobody is told that the autopilot navigates by our position while its parameters say otherwise, or nothing.
+TEST(FailsafeAndLead, ThatTheAutopilotUsesOurFixIsSaidWhereItIsKnown) {
+  using enum ParameterCheck;
+  for (const ParameterCheck check : {as_provisioned, deviating}) {
+    MachineDriver flight(ServiceConfig{.parameters = pending});
+    flight.boot_to_normal();
+    flight.on(ParametersCompared{check});
+    flight.on(GpsAssessment{GpsVerdict::denied, "why"});
+    EXPECT_EQ(flight.status().leader, PositionLeader::vision);
+    EXPECT_EQ(flight.count(Why::vision_leads), check == as_provisioned ? 1 : 0);
+    EXPECT_EQ(flight.count(Why::vision_leads_unconfirmed), check == deviating ? 1 : 0);
+  }
+}
+
+TEST(FailsafeAndLead, ParametersThatAreComparedLateDecideThen) {
+  using enum ParameterCheck;
+  MachineDriver flight(ServiceConfig{.parameters = pending});
+  flight.boot_to_normal();
+  flight.on(GpsAssessment{GpsVerdict::denied, "why"});
+  flight.fly(14.5);
+  EXPECT_FALSE(flight.saw(Why::vision_leads) || flight.saw(Why::vision_leads_unconfirmed)) << "it is not known yet";
+  flight.fly(1);
+  EXPECT_EQ(flight.count(Why::vision_leads_unconfirmed), 1);
+  EXPECT_NE(flight.events.back().text.find("have not all been compared"), std::string::npos);
+  flight.on(ParametersCompared{as_provisioned});
+  EXPECT_EQ(flight.count(Why::vision_leads), 1);
+  flight.on(ParametersCompared{deviating});
+  EXPECT_EQ(flight.count(Why::vision_leads_unconfirmed), 2);
+  flight.on(GpsAssessment{GpsVerdict::trusted});
+  EXPECT_TRUE(flight.saw(Why::gps_leads));
+  flight.on(ParametersCompared{as_provisioned});
+  EXPECT_EQ(flight.count(Why::vision_leads), 1) << "GPS leads";
+}
+
 TEST(FailsafeAndLead, OurFixLeadsAsSoonAsThereIsAPosition) {
   MachineDriver flight;
   flight.boot_to_search();
