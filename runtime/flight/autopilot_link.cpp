@@ -283,7 +283,8 @@ void AutopilotLink::compare_parameters(double now_s, const IncomingMessage& mess
       if (auto text = gps_switch_->on_message(*parameter)) outgoing_.put(*std::move(text));
       gps_is_off_ = gps_switch_->is_off();
     }
-    if (auto changed = parameters_.on_message(*parameter)) report(*std::move(changed));
+    const bool ours = gps_switch_ && gps_switch_->is_ours(*parameter);
+    if (auto changed = parameters_.on_message(*parameter, ours)) report(*std::move(changed));
   }
   const ParameterCheck check = parameters_.check();
   if (std::exchange(parameter_check_, check) != check) report(ParametersCompared{check});

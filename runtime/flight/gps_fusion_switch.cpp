@@ -21,7 +21,7 @@ GpsFusionSwitch::GpsFusionSwitch(const std::vector<AirframeParameter>& provision
 }
 
 std::optional<OutgoingMessage> GpsFusionSwitch::turn(double now_s, GpsVerdict verdict) {
-  if (verdict == GpsVerdict::denied || verdict == GpsVerdict::spoofed) off_ = true;
+  if (verdict == GpsVerdict::denied || verdict == GpsVerdict::spoofed) off_ = changed_ = true;
   if (verdict == GpsVerdict::trusted) off_ = false;
   if (now_s < next_s_) return std::nullopt;
   if (!present_) {
@@ -35,12 +35,17 @@ std::optional<OutgoingMessage> GpsFusionSwitch::turn(double now_s, GpsVerdict ve
                       kInt32};
 }
 
+bool GpsFusionSwitch::is_ours(const ParameterValue& value) const {
+  return changed_ && value.name == kParameter && value_of(value, ParameterEncoding::bytewise) == kOff;
+}
+
 bool GpsFusionSwitch::is_off() const { return present_ && *present_ == kOff; }
 
 std::optional<StatusText> GpsFusionSwitch::on_message(const ParameterValue& value) {
   if (value.name != kParameter) return std::nullopt;
   present_ = value_of(value, ParameterEncoding::bytewise);
   if (!usual_) usual_ = present_;
+  if (!off_ && !is_off()) changed_ = false;
   const bool taken_out = is_off() && *usual_ != kOff;
   if (taken_out == told_off_) return std::nullopt;
   told_off_ = taken_out;

@@ -25,13 +25,17 @@ class GpsFusionSwitch {
   // What the operator is told, once for each change that PX4 has confirmed.
   std::optional<StatusText> on_message(const ParameterValue& value);
 
+  // This value is our own change, still wanted or not yet taken back: the parameter does not deviate.
+  bool is_ours(const ParameterValue& value) const;
+
   // As PX4 said last. Then its GPS alarms are those of the moment when GPS was taken out.
   bool is_off() const;
 
  private:
   MavlinkAddress autopilot_;
   std::optional<double> usual_, present_;
-  bool off_ = false;  // as the last verdict wants it
+  bool off_ = false;      // as the last verdict wants it
+  bool changed_ = false;  // since it wanted it, until PX4 has confirmed the usual value
   bool told_off_ = false;
   double next_s_ = 0;
 };

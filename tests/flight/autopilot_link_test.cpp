@@ -313,6 +313,25 @@ TEST_F(ProvisionedPx4, AParameterThatItDoesNotHaveIsReported) {
   EXPECT_EQ(events<ParametersCompared>().back().check, ParameterCheck::deviating);
 }
 
+TEST_F(ProvisionedPx4, GpsThatWeTakeOutOfItsFilterIsNoDeviation) {
+  fly(1, GpsVerdict::trusted);
+  send_version(0x011200FF);
+  fly(3, GpsVerdict::trusted);
+  fly(5, GpsVerdict::spoofed);
+  EXPECT_EQ(has_.at("EKF2_GPS_CTRL"), 0);
+  EXPECT_TRUE(link_->gps_is_off());
+  fly(5, GpsVerdict::trusted);
+  EXPECT_EQ(has_.at("EKF2_GPS_CTRL"), 7);
+  EXPECT_TRUE(events<ParameterChanged>().empty());
+  ASSERT_EQ(events<ParametersCompared>().size(), 1U);
+  EXPECT_EQ(events<ParametersCompared>().back().check, ParameterCheck::as_provisioned);
+  has_["EKF2_GPS_CTRL"] = 5;
+  send_value("EKF2_GPS_CTRL");
+  second();
+  ASSERT_EQ(events<ParameterChanged>().size(), 1U) << "somebody else's change";
+  EXPECT_EQ(events<ParameterChanged>().front().found, 5);
+}
+
 TEST(AutopilotLinkState, APortThatCannotBeOpenedIsKnownOnceTheLinkIsStarted) {
   const HeldClock clock;
   ThreadWatch watch(clock);

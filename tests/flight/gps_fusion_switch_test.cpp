@@ -40,6 +40,26 @@ TEST(GpsFusionSwitch, TakesGpsOutAndGivesItBack) {
   EXPECT_EQ(set_to(gps.turn(8, GpsVerdict::denied)), 0);
 }
 
+TEST(GpsFusionSwitch, ItsOwnChangeIsKnownAsSuchUntilItIsTakenBack) {
+  GpsFusionSwitch gps({{"EKF2_GPS_CTRL", 7}}, kAutopilot);
+  gps.on_message(control(7));
+  EXPECT_FALSE(gps.is_ours(control(0))) << "before it changes anything";
+  gps.turn(1, GpsVerdict::spoofed);
+  EXPECT_TRUE(gps.is_ours(control(0)));
+  EXPECT_FALSE(gps.is_ours(control(3))) << "another value is somebody else's";
+  gps.on_message(control(0));
+  gps.turn(2, GpsVerdict::unknown);
+  EXPECT_TRUE(gps.is_ours(control(0)));
+  gps.turn(3, GpsVerdict::trusted);
+  EXPECT_TRUE(gps.is_ours(control(0))) << "PX4 has not confirmed it yet";
+  gps.on_message(control(7));
+  EXPECT_FALSE(gps.is_ours(control(0)));
+  ParameterValue other = control(0);
+  other.name = "EKF2_HGT_REF";
+  gps.turn(4, GpsVerdict::denied);
+  EXPECT_FALSE(gps.is_ours(other));
+}
+
 TEST(GpsFusionSwitch, AfterARestartInFlightTheAirframeFileSaysWhatIsUsual) {
   GpsFusionSwitch gps({{"EKF2_GPS_CTRL", 5}}, kAutopilot);
   EXPECT_TRUE(gps.on_message(control(0)));
