@@ -317,7 +317,7 @@ std::string metrics_text(const FlightView& view, double age_s, const ServerCount
   text.counters("anchors_rejected_by_total", "Rejected anchors by verdict.", view.anchors.rejected_by);
   text.gauge("link_connected", "Whether the autopilot is connected.", view.link.connected ? 1.0 : 0.0);
   text.gauge("link_signed", "Whether its frames are signed.", view.link.signed_frames ? 1.0 : 0.0);
-  text.counter("fixes_sent_total", "Positions sent to the autopilot.", view.link.fixes_sent);
+  text.counter("fixes_sent_total", "Positions sent to the autopilot; no fix is not counted.", view.link.fixes_sent);
   text.counters("link_frames_rejected_total", "Rejected frames by reason.", view.link.rejected_by);
   text.one_of("gps", "Assessment of the autopilot's GPS.", name_of(view.gps.judgement),
               {"unknown", "good", "denied", "spoofed"}, "judgement");

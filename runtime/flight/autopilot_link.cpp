@@ -241,9 +241,9 @@ void AutopilotLink::send_fix(double now_s, const ServiceStatus& status) {
   if (listener_.on_fix) listener_.on_fix(*std::move(due));
   if (!sent) return;
   const std::scoped_lock lock(mutex_);
-  ++state_.fixes_sent;
   state_.last_fix = fix;
-  if (unsent_since_s_) state_.latency.add(clock_.monotonic_s() - *unsent_since_s_);
+  if (fix) ++state_.fixes_sent;
+  if (fix && unsent_since_s_) state_.latency.add(clock_.monotonic_s() - *unsent_since_s_);
   unsent_since_s_.reset();
   if (last_fix_s_) state_.longest_gap_s = std::max(state_.longest_gap_s, now_s - *last_fix_s_);
   last_fix_s_ = now_s;

@@ -174,8 +174,8 @@ class AutopilotLink {
     bool supported = true;  // false: it gets no fixes
     std::string missing;    // why it gets no fixes yet
     LinkCounts counts;
-    std::uint64_t fixes_sent = 0;
-    double longest_gap_s = 0;                  // between two fixes
+    std::uint64_t fixes_sent = 0;              // with a position, and handed to the transport
+    double longest_gap_s = 0;                  // between two fixes, "no fix" included
     std::optional<Fix> last_fix;               // in the last of them; nullopt: "no fix"
     std::optional<double> last_message_s;      // when the autopilot's last message arrived
     std::optional<AircraftAttitude> attitude;  // its last one

@@ -332,7 +332,7 @@ class Playback::Moment {
     link_.attitude_s = link_.last_message_s = time_s;
   }
   void on(double, const FixSent& sent) {
-    ++link_.fixes_sent;
+    if (sent.fix) ++link_.fixes_sent;
     link_.last_fix = sent.fix;
   }
   void on(double time_s, const StateTransition& transition) {

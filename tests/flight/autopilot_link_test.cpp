@@ -332,6 +332,23 @@ TEST_F(ProvisionedPx4, GpsThatWeTakeOutOfItsFilterIsNoDeviation) {
   EXPECT_EQ(events<ParameterChanged>().front().found, 5);
 }
 
+// PX4 is told "no fix" by silence.
+TEST_F(ProvisionedPx4, SilenceIsNoFixThatWasSent) {
+  fly(1);
+  send_version(0x011200FF);
+  fly(5);
+  EXPECT_EQ(link_->state().missing, "");
+  EXPECT_EQ(link_->state().fixes_sent, 0U);
+  see(kPlace, 3);
+  permit(true, true, 3);
+  second();
+  second();
+  link_->stop();
+  peer_.listen();
+  EXPECT_EQ(link_->state().fixes_sent, peer_.received(MAVLINK_MSG_ID_GLOBAL_POSITION_SENSOR).size());
+  EXPECT_GT(link_->state().fixes_sent, 0U);
+}
+
 TEST(AutopilotLinkState, APortThatCannotBeOpenedIsKnownOnceTheLinkIsStarted) {
   const HeldClock clock;
   ThreadWatch watch(clock);
