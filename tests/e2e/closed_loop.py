@@ -101,7 +101,7 @@ def main():
         first = min((float(event.partition(":")[0]) for event in events), default=0.0)
         verdict = Verdict(summary, run / "flight" / "track.csv", first, service)
         verdict.memory_growth_percent = flight.watch.memory_growth() if flight.watch else None
-        rules = judge(summary, verdict.rows, service, flight.watch.changes) if service else []
+        rules = judge(summary, verdict.rows, service, flight.watch.changes, 1 / args.fps) if service else []
         found = report(args, flight, verdict, rules, readers, flight.camera.tail(7))
         if args.report:
             write_page(args.report, inputs, verdict, rules)

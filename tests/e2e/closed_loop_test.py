@@ -137,13 +137,18 @@ class Rules(unittest.TestCase):
         return [{"time_s": str(t), "given_fix_type": "3" if t >= first else "0", "given_accuracy_m": str(sigma(t)),
                  "source": source} for t in range(131)]
 
-    def missed(self, summary=None, rows=None, service=None, changes=CHANGES):
-        judged = rules.judge(summary or self.flight(self.REPORTED), rows or self.rows(), service or self.SERVICE, changes)
+    def missed(self, summary=None, rows=None, service=None, changes=CHANGES, frame_s=0.0):
+        judged = rules.judge(summary or self.flight(self.REPORTED), rows or self.rows(), service or self.SERVICE, changes, frame_s)
         self.assertEqual(len(judged) + 1, len(rules.lines_of(judged)))
         return [rule.name for rule in judged if not rule.met]
 
     def test_are_met_by_a_good_flight(self):
         self.assertEqual([], self.missed())
+
+    def test_a_slow_camera_is_missed_after_two_intervals(self):
+        for silent_s, missed in ((0.63, []), (0.91, ["camera loss to dead reckoning"])):
+            changes = [(*self.CHANGES[0][:4], f"no frame for {silent_s} s")]
+            self.assertEqual(missed, self.missed(changes=changes, frame_s=1 / 3))
 
     def test_each_is_missed_by_a_flight_that_breaks_it(self):
         without = lambda *texts: self.flight([pair for pair in self.REPORTED if pair[1] not in texts])

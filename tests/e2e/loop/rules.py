@@ -10,7 +10,8 @@ SPOOFED, DENIED, TRUSTED = "Nadir: GPS SPOOFED", "Nadir: GPS denied", "Nadir: GP
 MAP_LEADS, GPS_LEADS = "Nadir: autopilot now navigating by Nadir", "Nadir: autopilot navigating by GPS"
 NO_PICTURES, SEES_AGAIN = "Nadir: no camera frames, dead reckoning", "Nadir: visual position restored"
 COLD_START_S, PROMOTED_S, BLACKOUT_S, BLIND_S, UNDISTURBED_S = 30, 3, 0.4, 30, 10
-LOOKS_S = 0.15  # nadird looks every 0.05 s, and may be late; an irregular camera is allowed 1.2 of its intervals
+LOOKS_S = 0.15  # nadird looks every 0.05 s, and may be late
+LATEST_INTERVALS = 2  # of a camera whose frames come irregularly: docs/onboard.md
 FOLLOWS_M = 100
 DROPPED_SHARE = 0.1
 
@@ -53,14 +54,14 @@ class Happened:
         return next((float(found.group(1)) for *_, reason in self.changes if (found := re.search(pattern, reason))), None)
 
 
-def judge(summary, rows, service, changes=()):
-    """The rules that this flight triggered, in the order of the table. service: run_summary()'s."""
+def judge(summary, rows, service, changes=(), frame_s=0.0):
+    """The rules that this flight triggered, in the order of the table. service: run_summary()'s. frame_s: from frame to frame."""
     flight = Happened(summary, rows, changes)
     rules = [_cold_start(flight)]
     for action, text in (("gps-step", SPOOFED), ("gps-drag", SPOOFED), ("gps-denied", DENIED)):
         rules += [_promoted(flight, action, text, at) for at in flight.scenario(action)]
     for cut, restored in _blackouts(flight):
-        rules += _blackout(flight, cut, restored)
+        rules += _blackout(flight, cut, restored, max(BLACKOUT_S, LATEST_INTERVALS * frame_s))
     rules += [rule for at in flight.scenario("gps-recover") for rule in _recovered(flight, at)]
     return rules + [_not_followed(flight), _healthy(flight), _heartbeats(flight), _dropped(service)]
 
@@ -94,12 +95,12 @@ def _blackouts(flight):
         yield cut, next((end for end in ends if end > cut), flight.end_s())
 
 
-def _blackout(flight, cut, restored):
+def _blackout(flight, cut, restored, allowed_s):
     reported = flight.reported(NO_PICTURES, cut)
     blind = flight.reason(r"no frame for ([\d.]+) s")
-    rules = [Rule("camera loss to dead reckoning", f"{BLACKOUT_S} s after the last one",
+    rules = [Rule("camera loss to dead reckoning", f"{allowed_s:.2g} s after the last one",
                   _seconds(blind if reported is not None else None),
-                  reported is not None and blind is not None and blind <= BLACKOUT_S + LOOKS_S)]
+                  reported is not None and blind is not None and blind <= allowed_s + LOOKS_S)]
     sigmas = [float(row["given_accuracy_m"]) for row in flight.between(reported or cut, restored) if row["given_accuracy_m"]]
     shrinks = max((a - b for a, b in zip(sigmas, sigmas[1:])), default=0.0)
     grown = f"{sigmas[0]:.1f} m to {sigmas[-1]:.1f} m" if sigmas else "none reported"
