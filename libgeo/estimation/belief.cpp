@@ -148,7 +148,6 @@ Eigen::Matrix2d PlaceBelief::grown_m2(const Place& place, const Eigen::Matrix2d&
   return place.covariance_m2 + grown_m2 * Eigen::Matrix2d::Identity();
 }
 
-// An anchored track: it may be there, or more ground supports the place.
 bool PlaceBelief::overrules(const Place& place, const Eigen::Matrix2d& track_covariance_m2) const {
   const bool possible = chi2_of(place.offset_m, track_covariance_m2 + place.covariance_m2) <= kChi2_95;
   const bool outdone = place.footprints >= kOverrulingFootprints && track_footprints_ < kOverrulingFootprints;

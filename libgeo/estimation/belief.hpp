@@ -196,7 +196,6 @@ class PlaceBelief {
 
   // The steps of update(), in order.
   void change_visibility(double new_ground);
-  bool overrules(const Place& place, const Eigen::Matrix2d& track_covariance_m2) const;
   void bring_places_to(const Eigen::Matrix2d& track_covariance_m2);
   Weighing weigh(const Look& look, const TrackPrediction& track);
   void learn_detection(const Weighing& weighing, double new_ground);
@@ -206,6 +205,8 @@ class PlaceBelief {
                     const TrackPrediction& track, double new_ground, LookResult& result);
   void normalize();
 
+  // An anchored track, and a place that contradicts it: the track may be there, or more ground supports the place.
+  bool overrules(const Place& place, const Eigen::Matrix2d& track_covariance_m2) const;
   static void move_weight(Weight& from, Weight& to, double share);
   double judge(Weight& weight, const Evidence& look, double new_ground) const;
   void move_track(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,

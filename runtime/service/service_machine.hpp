@@ -175,7 +175,7 @@ class ServiceMachine {
   PositionLeader leader_ = PositionLeader::gps;
   ParameterCheck parameters_;               // of the autopilot: whether it uses our position
   double vision_leads_s_ = 0;               // since when ours leads, while it does
-  std::optional<ServiceReason> lead_note_;  // what the operator was told about it
+  std::optional<ServiceReason> lead_note_;  // what the operator has read about it
   std::optional<double> position_s_;        // the last position, ours or of GPS, or armed: failsafe counts from here
 };
 

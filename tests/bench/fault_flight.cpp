@@ -115,6 +115,11 @@ const char* picture_of(FlightFault fault) {
   }
 }
 
+// The start that was given is.
+bool starts_off(FlightFault fault) {
+  return fault == FlightFault::start_500 || fault == FlightFault::start_2000 || fault == FlightFault::start_and_map;
+}
+
 // The filter is corrected as the localizer corrects its own (localizer.cpp, anchor_measurement()).
 void correct(FaultFlight::State& s, const LookCandidate& candidate, const CandidateSigmas& sigmas,
              const LookResult& look) {
@@ -185,8 +190,7 @@ FaultFlight::State FaultFlight::begin(Random& random) const {
     s.weight = 1;
     s.error.head<2>() = random.uniform(least_m, most_m) * random_direction(random);
   };
-  if (fault_ == FlightFault::start_500 || fault_ == FlightFault::start_and_map) far_off(150, 500);
-  if (fault_ == FlightFault::start_2000) far_off(500, 2000);
+  if (starts_off(fault_)) fault_ == FlightFault::start_2000 ? far_off(500, 2000) : far_off(150, 500);
   if (fault_ == FlightFault::wrong_anchor) far_off(50, 500);
   s.covariance.diagonal() << sigma_m * sigma_m, sigma_m * sigma_m, kDriftShare * kDriftShare, kDriftShare * kDriftShare;
   s.belief = PlaceBelief(kStartDoubt, square({0, 0}, kArea_m));
@@ -303,10 +307,8 @@ void FaultFlight::advance(State& s, Random& random) const {
 }
 
 double FaultFlight::score(const State& s) const {
-  // A wrong start is never believed in more than before the first look: no path would be above the others.
-  const bool wrong_start =
-      fault_ == FlightFault::start_500 || fault_ == FlightFault::start_2000 || fault_ == FlightFault::start_and_map;
-  if (wrong_start && s.looks == 0) return kLeastScore;
+  // A wrong start never has more weight than before the first look: no path would be above the others.
+  if (starts_off(fault_) && s.looks == 0) return kLeastScore;
   const double far_m = target_ == hazardous ? kFarShare * limits_.alert_limit_m : 0;
   const Eigen::Matrix2d common = common_m2(s.anchored) + far_m * far_m * Eigen::Matrix2d::Identity();
   const auto places = s.belief.place_states(s.covariance_m2());

@@ -332,7 +332,7 @@ TEST_F(ProvisionedPx4, GpsThatWeTakeOutOfItsFilterIsNoDeviation) {
   EXPECT_EQ(events<ParameterChanged>().front().found, 5);
 }
 
-// PX4 is told "no fix" by silence.
+// Silence is PX4's "no fix".
 TEST_F(ProvisionedPx4, SilenceIsNoFixThatWasSent) {
   fly(1);
   send_version(0x011200FF);

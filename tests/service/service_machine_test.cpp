@@ -440,7 +440,7 @@ TEST(FailsafeAndLead, OurFixLeadsAtOnceWhenGpsFails) {
   }
 }
 
-// Nobody is told that the autopilot navigates by our position while its parameters say otherwise, or nothing.
+// No text says that the autopilot navigates by our position while its parameters say otherwise, or nothing.
 TEST(FailsafeAndLead, ThatTheAutopilotUsesOurFixIsSaidWhereItIsKnown) {
   using enum ParameterCheck;
   for (const ParameterCheck check : {as_provisioned, deviating}) {
