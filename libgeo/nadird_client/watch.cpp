@@ -58,10 +58,16 @@ std::string short_duration(double seconds) {
   return fmt::format("{:.1f} h", seconds / 3600);
 }
 
+// A recording does not hold them.
+std::string dropped_of(const WatchedStatus& status) {
+  if (status.playback) return "dropped ones unknown";
+  return fmt::format("{} of {} dropped", status.frames_dropped, status.frames_received);
+}
+
 std::string frames_of(const WatchedStatus& status) {
   std::string rate = fmt::format("{:.1f} per s", status.frames_per_s);
   if (status.frame_age_s && *status.frame_age_s > kSilent_s) rate = "NONE for " + short_duration(*status.frame_age_s);
-  return fmt::format("{}, {} of {} dropped", rate, status.frames_dropped, status.frames_received);
+  return rate + ", " + dropped_of(status);
 }
 
 std::string anchors_of(const WatchedStatus& status) {
@@ -133,12 +139,12 @@ std::vector<std::string> status_screen(const WatchedStatus& status, bool colour)
 
 std::string status_line(const WatchedStatus& status) {
   return fmt::format(
-      "{}{}{}, {}, sigma {}, protection level {}{}, anchor {}, {:.1f} frames/s ({} dropped), anchors {} accepted, {} "
+      "{}{}{}, {}, sigma {}, protection level {}{}, anchor {}, {:.1f} frames/s ({}), anchors {} accepted, {} "
       "rejected, GPS {}, recorder {}",
       status.playback ? "RECORDING: " : "", status.stalled() ? "STALE: " : "", status.state, status.source,
       known(status.sigma_m, "{:.1f} m", "none"), known(status.hpl_m, "{:.1f} m", "none"),
       status.usable ? "" : " (NOT USABLE)", known(status.anchor_age_s, "{:.1f} s ago", "none"), status.frames_per_s,
-      status.frames_dropped, status.anchors_accepted, status.anchors_rejected, status.gps, status.recorder);
+      dropped_of(status), status.anchors_accepted, status.anchors_rejected, status.gps, status.recorder);
 }
 
 using Steady = std::chrono::steady_clock;
