@@ -130,7 +130,9 @@ std::vector<AutopilotParameter> wanted_of_px4(const AutopilotIdentity& autopilot
   return wanted;
 }
 
-std::vector<AutopilotParameter> wanted(const AutopilotIdentity& autopilot, int receiver) {
+}  // namespace
+
+std::vector<AutopilotParameter> wanted_parameters(const AutopilotIdentity& autopilot, int receiver) {
   if (autopilot.type == AutopilotType::px4) return wanted_of_px4(autopilot, receiver);
   return {{.name = fmt::format("GPS{}_TYPE", receiver), .wanted = kMavlinkGps},
           {.name = fmt::format("GPS{}_DELAY_MS", receiver), .wanted = kGpsDelay_ms},
@@ -139,6 +141,8 @@ std::vector<AutopilotParameter> wanted(const AutopilotIdentity& autopilot, int r
           {.name = "EK3_SRC1_POSZ", .wanted = 1},
           {.name = "EK3_SRC1_YAW", .wanted = 1}};
 }
+
+namespace {
 
 struct ReadParameter {
   double value = 0;
@@ -192,7 +196,7 @@ std::int32_t mask_of(const AutopilotParameter& one) {
 std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, const AutopilotIdentity& autopilot,
                                                 int receiver) {
   std::vector<AutopilotParameter> parameters;
-  for (AutopilotParameter one : wanted(autopilot, receiver)) {
+  for (AutopilotParameter one : wanted_parameters(autopilot, receiver)) {
     const auto answer = read(session, autopilot, one.name);
     if (!answer && one.bits != 0) continue;
     if (!answer) {

@@ -37,8 +37,11 @@ struct AutopilotParameter {
   bool differs() const { return present != wanted; }
 };
 
+// What an autopilot needs to use our position, without an autopilot to ask; `present` and `type` are 0.
 // receiver: 1 or 2: for ArduPilot the GPS receiver that GPS_INPUT feeds, for PX4 the slot of the auxiliary position.
-// Those that are only watched are wanted as they are. Throws Error for a parameter without an answer; one of bits is
+std::vector<AutopilotParameter> wanted_parameters(const AutopilotIdentity& autopilot, int receiver);
+
+// The same with what the autopilot has. Those that are only watched are wanted as they are. Throws Error for a parameter without an answer; one of bits is
 // left out then.
 std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, const AutopilotIdentity& autopilot,
                                                 int receiver);

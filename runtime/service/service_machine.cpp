@@ -18,6 +18,14 @@ constexpr double kBurst_s = 0.1;        // closer frames are a burst, or a camer
 constexpr double kMaxInterval_s = 2.5;  // longer ones are capped: too slow a camera to fly by
 constexpr std::size_t kMinIntervals = 3;
 
+const char* why_unconfirmed(ParameterCheck check) {
+  switch (check) {
+    case ParameterCheck::none_listed: return "the airframe file lists no parameters to compare";
+    case ParameterCheck::deviating: return "its parameters are not as they were provisioned";
+    default: return "its parameters have not all been compared since the start";
+  }
+}
+
 }  // namespace
 
 // ---- frame interval
@@ -185,16 +193,12 @@ void ServiceMachine::choose_leader() {
 // that takes some seconds. What is found later is noted, too.
 void ServiceMachine::note_lead() {
   if (parameters_ == ParameterCheck::pending && now_s_ - vision_leads_s_ < kParametersPending_s) return;
-  const bool confirmed = parameters_ == ParameterCheck::none_listed || parameters_ == ParameterCheck::as_provisioned;
+  const bool confirmed = parameters_ == ParameterCheck::as_provisioned;
   const ServiceReason reason = confirmed ? vision_leads : vision_leads_unconfirmed;
   if (lead_note_ == reason) return;
   lead_note_ = reason;
   const std::string gps = fmt::format("GPS is {}", name_of(gps_));
-  note(reason, confirmed ? gps
-                         : fmt::format("{}, and its parameters {}", gps,
-                                       parameters_ == ParameterCheck::deviating
-                                           ? "are not as they were provisioned"
-                                           : "have not all been compared since the start"));
+  note(reason, confirmed ? gps : fmt::format("{}, and {}", gps, why_unconfirmed(parameters_)));
 }
 
 void ServiceMachine::on(const ParametersCompared& parameters) { parameters_ = parameters.check; }

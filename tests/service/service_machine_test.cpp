@@ -443,14 +443,17 @@ TEST(FailsafeAndLead, OurFixLeadsAtOnceWhenGpsFails) {
 // No text says that the autopilot navigates by our position while its parameters say otherwise, or nothing.
 TEST(FailsafeAndLead, ThatTheAutopilotUsesOurFixIsSaidWhereItIsKnown) {
   using enum ParameterCheck;
-  for (const ParameterCheck check : {as_provisioned, deviating}) {
+  for (const auto& [check, why] : {std::pair(as_provisioned, "GPS is denied"),
+                                   std::pair(deviating, "not as they were provisioned"),
+                                   std::pair(none_listed, "the airframe file lists no parameters")}) {
     MachineDriver flight(ServiceConfig{.parameters = pending});
     flight.boot_to_normal();
     flight.on(ParametersCompared{check});
     flight.on(GpsAssessment{GpsVerdict::denied, "why"});
     EXPECT_EQ(flight.status().leader, PositionLeader::vision);
     EXPECT_EQ(flight.count(Why::vision_leads), check == as_provisioned ? 1 : 0);
-    EXPECT_EQ(flight.count(Why::vision_leads_unconfirmed), check == deviating ? 1 : 0);
+    EXPECT_EQ(flight.count(Why::vision_leads_unconfirmed), check == as_provisioned ? 0 : 1);
+    EXPECT_NE(flight.events.back().text.find(why), std::string::npos) << flight.events.back().text;
   }
 }
 

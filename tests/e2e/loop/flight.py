@@ -12,11 +12,12 @@ from .processes import Programs
 from .run_summary import run_summary
 from .watch import Watch
 
-# The simulated autopilots, and the parameters that `nadir provision autopilot` would set.
+# The simulated autopilots, and the parameters that `nadir provision autopilot` would set: {r} is the receiver that we play.
 AUTOPILOTS = {
-    "ardupilot": ([], []),
-    "px4": (["--px4", "1.18"], ["EKF2_AGP0_ID=1", "EKF2_AGP0_CTRL=1", "EKF2_AGP0_GATE=5", "EKF2_HGT_REF=0"]),
-    "px4-1.17": (["--px4", "1.17"], ["EKF2_EV_CTRL=1", "EKF2_HGT_REF=0"]),
+    "ardupilot": ([], {"GPS{r}_TYPE": 14, "GPS{r}_DELAY_MS": 10, "EK3_SRC1_POSXY": 3, "EK3_SRC1_VELXY": 3, "EK3_SRC1_POSZ": 1,
+                       "EK3_SRC1_YAW": 1}),
+    "px4": (["--px4", "1.18"], {"EKF2_AGP0_ID": 1, "EKF2_AGP0_CTRL": 1, "EKF2_AGP0_GATE": 5, "EKF2_HGT_REF": 0}),
+    "px4-1.17": (["--px4", "1.17"], {"EKF2_EV_CTRL": 1, "EKF2_HGT_REF": 0}),
 }
 # "SECONDS:ACTION[=VALUE[@BEARING]]": simulated_autopilot/scenario.py.
 SCENARIOS = {
@@ -77,6 +78,11 @@ class Flight:
         self.camera = self.service = self.autopilot = self.watch = None
         self.begun = self.begun_flying = None  # monotonic seconds: the autopilot was started; it flew
 
+    def provisioned(self):
+        """The parameters of a provisioned autopilot, {name: value}; its airframe file lists them."""
+        receiver = 2 if self.setup.own_receiver == "first" else 1
+        return {name.format(r=receiver): value for name, value in AUTOPILOTS[self.setup.autopilot][1].items()}
+
     def __enter__(self):
         self.programs.__enter__()
         for folder in (self.run / "frames", self.run / "state", self.record):
@@ -117,15 +123,13 @@ class Flight:
     def start_autopilot(self):
         setup, inputs = self.setup, self.inputs
         self.begun = time.monotonic()
-        words, parameters = AUTOPILOTS[setup.autopilot]
-        if setup.autopilot == "ardupilot":
-            parameters = [f"GPS{2 if setup.own_receiver == 'first' else 1}_DELAY_MS=10"]
+        words = AUTOPILOTS[setup.autopilot][0]
         self.autopilot = self.programs.start("autopilot", [
             sys.executable, "-B", AUTOPILOT, "--link", f"udpout:127.0.0.1:{self.link_port}", "--truth",
             f"udpout:127.0.0.1:{self.truth_port}", "--truth", f"udpout:127.0.0.1:{self.other_port}", "--waypoints",
             inputs.waypoints, "--altitude-m", inputs.altitude_m, "--terrain", inputs.terrain, "--duration",
             setup.minutes * 60, "--speed", setup.speed, "--seed", setup.seed, "--own-receiver", setup.own_receiver, "--log", self.run / "flight",
-            *words, *(f"--parameter={text}" for text in parameters), *self._key("--key-file"), *(word for event in setup.events for word in ("--event", event))])
+            *words, *(f"--parameter={name}={value}" for name, value in self.provisioned().items()), *self._key("--key-file"), *(word for event in setup.events for word in ("--event", event))])
         self.programs.wait_until_says(self.autopilot, " s  ")
         self.begun_flying = time.monotonic()
 
@@ -167,7 +171,8 @@ class Flight:
         if setup.stand_in is not None:
             return [sys.executable, "-B", HERE / "stand_in.py", self.link_port, self.other_port, "--offset-m",
                     setup.stand_in, *self._key("--key-file")]
-        return [setup.nadird, "--package", setup.package or inputs.package, "--airframe", inputs.airframe, "--trust",
+        airframe = inputs.airframe_with(run / "airframe.json", self.provisioned())
+        return [setup.nadird, "--package", setup.package or inputs.package, "--airframe", airframe, "--trust",
                 inputs.root, *(["--at", inputs.created] if setup.as_of_creation else []), "--state", run / "state", "--camera", f"folder:{run / 'frames'}",
                 "--autopilot", f"udpin:127.0.0.1:{self.link_port}", "--record", self.record, "--listen",
                 f"127.0.0.1:{self.api_port}", *self._link_key(), *setup.nadird_options]

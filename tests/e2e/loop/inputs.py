@@ -32,7 +32,7 @@ class Inputs:
         self.folder.mkdir(parents=True, exist_ok=True)
         self.world, self.package = self.folder / "world", self.folder / "package"
         self.root, self.camera = self.folder / "root.json", self.folder / "camera.yaml"
-        self.airframe, self.waypoints = self.folder / "airframe.json", self.folder / "waypoints.csv"
+        self.waypoints = self.folder / "waypoints.csv"
         self.terrain, self.key = self.folder / "terrain.asc", self.folder / "link.key"
         if not self.world.exists():
             must(nadir, "simulate", "world", "--seed", seed, "--size-km", size_km, "--gsd-m", gsd_m, "--out", self.world)
@@ -43,8 +43,6 @@ class Inputs:
         if with_package and not self.package.exists():
             self._make_package()
         self._write_camera(width, delay_s, gps_id)
-        if self.root.exists() and airframe_signer(self.root) is not None:
-            sign_airframe(self.airframe, self.folder / "hangar.key.pem", self.root)
         self._write_circuit(mission)
         if not self.terrain.exists():
             self._write_terrain()
@@ -68,9 +66,17 @@ class Inputs:
                       fy=CAMERA["fy"] * scale, cx=(CAMERA["cx"] + 0.5) * scale - 0.5,
                       cy=(CAMERA["cy"] + 0.5) * scale - 0.5, uncertainty=self.uncertainty)
         self.camera.write_text("".join(f"{key}: {json.dumps(value)}\n" for key, value in camera.items()), encoding="utf-8")
-        self.airframe.write_text(json.dumps({"format": "nadir.airframe/1", "airframe": self.airframe_id, "camera": camera,
-                                             "capture_delay_s": delay_s, "mavlink": {"gps_id": gps_id}},
-                                            indent=1), encoding="utf-8")
+        self.airframe = {"format": "nadir.airframe/1", "airframe": self.airframe_id, "camera": camera,
+                         "capture_delay_s": delay_s, "mavlink": {"gps_id": gps_id}}
+
+    def airframe_with(self, file, parameters):
+        """Writes the airframe file of an autopilot with these parameters, signed where the root names a signer; returns `file`."""
+        listed = [{"name": name, "value": value} for name, value in parameters.items()]
+        document = {**self.airframe, "mavlink": {**self.airframe["mavlink"], "parameters": listed}}
+        file.write_text(json.dumps(document, indent=1), encoding="utf-8")
+        if self.root.exists() and airframe_signer(self.root) is not None:
+            sign_airframe(file, self.folder / "hangar.key.pem", self.root)
+        return file
 
     def _write_circuit(self, mission):
         ring = re.search(r"polygon: *(\[\[.*\]\])", mission).group(1)

@@ -17,7 +17,7 @@ UNIT_TESTS_ALONE = {
     "matcher_failing": "the same",
     "no protection level for longer than the time to alert (3 s)": "no flight here sees so much that contradicts its place",
     "integrity_lost": "the same",
-    "vision_leads_unconfirmed": "the airframe files of these flights list no parameters",
+    "vision_leads_unconfirmed": "the autopilots of these flights are as they were provisioned",
     "armed, and no position for 15 s, neither ours nor that of a trusted GPS": "no flight here is lost for so long; "
                                                                                "SignedStation is, in the tests of flight",
 }

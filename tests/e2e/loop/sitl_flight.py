@@ -57,6 +57,9 @@ class SitlFlight(Flight):
         self.watch = Watch(self.url, self.service)
         self.watch.start()
 
+    def provisioned(self):
+        return self.vehicle.provisioned
+
     def start_autopilot(self):
         self.begun = time.monotonic()
         self.station_port = free_port()

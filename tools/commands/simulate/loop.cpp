@@ -51,6 +51,9 @@ class SimulateLoopCommand final : public Command {
   std::vector<std::string> camera_call(const fs::path& nadir, const LoopInputs& inputs, const std::string& truth,
                                        const fs::path& frames) const;
   void report(Context& context, const LoopFigures& figures, const std::string& page) const;
+  AutopilotType autopilot_type() const {
+    return autopilot_ == "px4" ? AutopilotType::px4 : AutopilotType::ardupilot;
+  }
 
   std::optional<fs::path> world_, out_, nadird_;
   std::vector<std::string> ground_stations_;
@@ -218,7 +221,7 @@ int SimulateLoopCommand::run(Context& context) {
   const fs::path folder = out_ ? fs::absolute(*out_) : scratch->path();
   const LoopInputs inputs = [&] {
     try {
-      return make_loop_inputs(nadir, world_, folder, context);
+      return make_loop_inputs(nadir, world_, LoopAutopilot::provisioned(autopilot_type()), folder, context);
     } catch (...) {
       std::error_code ignored;
       if (out_) fs::remove_all(folder, ignored);
@@ -234,7 +237,7 @@ int SimulateLoopCommand::run(Context& context) {
 LoopFigures SimulateLoopCommand::fly(const LoopInputs& inputs, const fs::path& nadir, const fs::path& nadird,
                                      const fs::path& folder, const std::string& listen, Context& context) const {
   const std::string page = page_of(listen);
-  const bool px4 = autopilot_ == "px4";
+  const bool px4 = autopilot_type() == AutopilotType::px4;
   const LocalFrame frame(inputs.mission.takeoff, inputs.altitude_m);
   AircraftOptions options;
   options.altitude_m = inputs.altitude_m;
@@ -247,7 +250,7 @@ LoopFigures SimulateLoopCommand::fly(const LoopInputs& inputs, const fs::path& n
         "there\n",
         aircraft.circuit().tightest_turn_m());
   }
-  LoopAutopilot autopilot(px4 ? AutopilotType::px4 : AutopilotType::ardupilot, aircraft, frame);
+  LoopAutopilot autopilot(autopilot_type(), aircraft, frame);
   for (const char* name : {"frames", "state", "record"}) fs::create_directories(folder / name);
 
   BackgroundProgram camera(camera_call(nadir, inputs, autopilot.truth_endpoint(), folder / "frames"), folder);

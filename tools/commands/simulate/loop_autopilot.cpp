@@ -6,6 +6,7 @@
 
 #include "base/error.hpp"
 #include "mavlink/parameters.hpp"
+#include "provision/autopilot_provisioning.hpp"
 
 namespace nadir {
 namespace {
@@ -14,8 +15,9 @@ constexpr MavlinkAddress kAutopilot{1, 1};
 constexpr std::uint8_t kFixedWingType = 1;  // MAV_TYPE_FIXED_WING
 constexpr std::uint32_t kPlaneAuto = 10;    // custom modes: ArduPlane's AUTO, PX4's mission
 constexpr std::uint32_t kPx4Mission = (4U << 16) | (4U << 24);
-constexpr std::uint8_t kInt32Parameter = 6;  // MAV_PARAM_TYPE_INT32
+constexpr std::uint8_t kInt32Parameter = 6, kFloatParameter = 9;  // MAV_PARAM_TYPE_INT32, REAL32
 constexpr const char* kGpsControl = "EKF2_GPS_CTRL";
+constexpr double kGpsUsed = 7;  // EKF2_GPS_CTRL: position and velocity
 constexpr double kTruthPeriod_s = 0.04, kBootedBefore_s = 30;
 constexpr double kGpsAccuracy_m = 1.2, kGpsVerticalAccuracy_m = 2.2, kGpsSpeedAccuracy_mps = 0.3;
 
@@ -42,6 +44,18 @@ LoopAutopilot::LoopAutopilot(AutopilotType type, SimulatedAircraft& aircraft, co
   for (const auto& [kind, rate_hz] : type == AutopilotType::px4 ? kPx4Rates : kArduplaneRates) {
     streams_[kind] = {1 / rate_hz, 1 / rate_hz, 0};
   }
+  for (const AirframeParameter& parameter : provisioned(type)) parameters_[parameter.name] = parameter.value;
+}
+
+std::vector<AirframeParameter> LoopAutopilot::provisioned(AutopilotType type) {
+  AutopilotIdentity autopilot;
+  autopilot.type = type;
+  autopilot.software = kPx4GlobalPosition;
+  std::vector<AirframeParameter> listed;
+  for (const AutopilotParameter& one : wanted_parameters(autopilot, 1)) {
+    listed.push_back({one.name, one.kept ? kGpsUsed : one.bits != 0 ? one.bits : one.wanted});
+  }
+  return listed;
 }
 
 LoopAutopilot::End LoopAutopilot::end() {
@@ -112,9 +126,10 @@ void LoopAutopilot::take(const MavlinkFrame& frame) {
     answer_parameter(request->name);
   } else if (const auto* set = std::get_if<ParameterSet>(&message); set != nullptr && set->name == kGpsControl) {
     if (type_ == AutopilotType::px4 && set->type == kInt32Parameter) {
-      gps_control_ = static_cast<int>(
-          value_of(ParameterValue{.wire_value = set->wire_value, .type = set->type}, ParameterEncoding::bytewise));
-      aircraft_.use_gps(gps_control_ != 0);
+      double& gps_control = parameters_[kGpsControl];
+      gps_control =
+          value_of(ParameterValue{.wire_value = set->wire_value, .type = set->type}, ParameterEncoding::bytewise);
+      aircraft_.use_gps(gps_control != 0);
     }
     answer_parameter(set->name);
   }
@@ -149,12 +164,14 @@ void LoopAutopilot::obey(const CommandLong& command, MavlinkAddress sender) {
 }
 
 void LoopAutopilot::answer_parameter(const std::string& name) {
-  if (type_ != AutopilotType::px4 || name != kGpsControl) return;
+  const auto known = parameters_.find(name);
+  if (known == parameters_.end()) return;
+  const std::uint8_t type = name == kGpsControl ? kInt32Parameter : kFloatParameter;
   send(link_, ParameterValue{.name = name,
-                             .wire_value = wire_value(gps_control_, kInt32Parameter, ParameterEncoding::bytewise),
-                             .type = kInt32Parameter,
-                             .count = 1,
-                             .index = 0});
+                             .wire_value = wire_value(known->second, type, parameter_encoding(type_)),
+                             .type = type,
+                             .count = static_cast<int>(parameters_.size()),
+                             .index = static_cast<int>(std::distance(parameters_.begin(), known))});
 }
 
 void LoopAutopilot::send(End& end, const IncomingMessage& message) {

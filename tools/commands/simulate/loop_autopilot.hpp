@@ -13,6 +13,7 @@
 #include "mavlink/commands.hpp"
 #include "mavlink/transport.hpp"
 #include "simulation/simulated_aircraft.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 
@@ -20,6 +21,9 @@ class LoopAutopilot {
  public:
   // frame: of the aircraft's plane. Both outlive it. Throws Error when there is no port.
   LoopAutopilot(AutopilotType type, SimulatedAircraft& aircraft, const LocalFrame& frame);
+
+  // As `nadir provision autopilot` leaves one.
+  static std::vector<AirframeParameter> provisioned(AutopilotType type);
 
   // For the other ends, "udpout:127.0.0.1:PORT".
   std::string link_endpoint() const { return endpoint_of(*link_.transport); }
@@ -60,7 +64,7 @@ class LoopAutopilot {
   std::map<StreamedMessage, Stream> streams_;
   std::int64_t unix_us_ = 0;
   double next_heartbeat_s_ = 0, next_truth_s_ = 0, home_altitude_m_;
-  int gps_control_ = 7;  // EKF2_GPS_CTRL
+  std::map<std::string, double, std::less<>> parameters_;
   std::vector<GivenPosition> given_;
   std::vector<std::string> texts_;
 };

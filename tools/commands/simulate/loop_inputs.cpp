@@ -72,19 +72,22 @@ std::vector<LonLat> circuit_in(const Mission& mission) {
   return corners;
 }
 
-void write_loop_airframe(const fs::path& folder, const fs::path& camera, const fs::path& key) {
+void write_loop_airframe(const fs::path& folder, const fs::path& camera,
+                         const std::vector<AirframeParameter>& parameters, const fs::path& key) {
   Airframe airframe;
   airframe.id = "simulated";
   airframe.camera = read_camera_file(camera);
   airframe.capture_delay_s = kLoopCaptureDelay_s;
   airframe.sequence = 1;
   airframe.expires = parse_utc(kExpires);
+  airframe.parameters = parameters;
   write_airframe(folder, airframe, PrivateKey::read(key));
 }
 
 }  // namespace
 
-LoopInputs make_loop_inputs(const fs::path& nadir, const std::optional<fs::path>& world, const fs::path& folder,
+LoopInputs make_loop_inputs(const fs::path& nadir, const std::optional<fs::path>& world,
+                            const std::vector<AirframeParameter>& parameters, const fs::path& folder,
                             Context& context) {
   const Maker maker(nadir, folder, context);
   const auto in_folder = [&](const char* name) { return (folder / name).string(); };
@@ -111,7 +114,8 @@ LoopInputs make_loop_inputs(const fs::path& nadir, const std::optional<fs::path>
   maker.make({"cache", "build", "--mission", in_world("mission.yaml"), "--imagery", in_world("map.tif"), "--dem",
               in_world("dem.tif"), "--key", in_folder("signer.key.pem"), "--out", inputs.package.string()});
   maker.make({"cache", "index", inputs.package.string(), "--key", in_folder("signer.key.pem")});
-  write_loop_airframe(inputs.airframe.parent_path(), in_world("camera.yaml"), in_folder("hangar.key.pem"));
+  write_loop_airframe(inputs.airframe.parent_path(), in_world("camera.yaml"), parameters,
+                      in_folder("hangar.key.pem"));
   return inputs;
 }
 

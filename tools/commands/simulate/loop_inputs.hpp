@@ -8,6 +8,7 @@
 
 #include "cli/command.hpp"
 #include "package/mission.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 
@@ -21,9 +22,10 @@ struct LoopInputs {
 
 inline constexpr double kLoopCaptureDelay_s = 0.25;
 
-// nadir: this program. world: of `nadir simulate world`; nullopt: one is made. All else is made in `folder`. Throws
-// Interrupted on Ctrl-C.
+// nadir: this program. world: of `nadir simulate world`; nullopt: one is made. parameters: of the autopilot, as the
+// airframe file lists them. All else is made in `folder`. Throws Interrupted on Ctrl-C.
 LoopInputs make_loop_inputs(const std::filesystem::path& nadir, const std::optional<std::filesystem::path>& world,
-                            const std::filesystem::path& folder, Context& context);
+                            const std::vector<AirframeParameter>& parameters, const std::filesystem::path& folder,
+                            Context& context);
 
 }  // namespace nadir
