@@ -29,7 +29,7 @@ PR_SET_CHILD_SUBREAPER = 36
 
 
 def tests(build):
-    """(name, command, environment, folder, seconds allowed, code of a skipped one)"""
+    """(name, command, environment, folder, seconds allowed, code of a skipped one, what it must print to pass)"""
     listed = subprocess.run(["ctest", "--test-dir", build, "--show-only=json-v1"], check=True, capture_output=True, text=True).stdout
     for test in json.loads(listed)["tests"]:
         if "command" not in test:
@@ -37,7 +37,7 @@ def tests(build):
         properties = {item["name"]: item["value"] for item in test["properties"]}
         environment = dict(pair.split("=", 1) for pair in properties.get("ENVIRONMENT", []))
         yield (test["name"], test["command"], environment, properties.get("WORKING_DIRECTORY", str(build)),
-               float(properties.get("TIMEOUT", 900)), properties.get("SKIP_RETURN_CODE"))
+               float(properties.get("TIMEOUT", 900)), properties.get("SKIP_RETURN_CODE"), properties.get("PASS_REGULAR_EXPRESSION", []))
 
 
 def adopt_orphans():
@@ -47,7 +47,7 @@ def adopt_orphans():
 
 def measure(test):
     """(name, CPU seconds, wall seconds, outcome)"""
-    name, command, environment, folder, seconds, skipped = test
+    name, command, environment, folder, seconds, skipped, must_print = test
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
     with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(command, cwd=folder, env={**os.environ, **environment}, stdin=subprocess.DEVNULL, stdout=output, stderr=output,
@@ -57,6 +57,9 @@ def measure(test):
         except subprocess.TimeoutExpired:
             process.kill()
             code = process.wait()
+        output.seek(0)
+        printed = output.read().decode(errors="replace") if must_print else ""
+    passed = any(re.search(text, printed, re.S) for text in must_print) if must_print else code == 0
     wall_s = time.monotonic() - begun
     patience = time.monotonic() + 5
     while time.monotonic() < patience:
@@ -67,7 +70,7 @@ def measure(test):
             break
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return name, cpu_s, wall_s, "passed" if code == 0 else "skipped" if code == skipped else f"failed ({code})"
+    return name, cpu_s, wall_s, "passed" if passed else "skipped" if code == skipped else f"failed ({code})"
 
 
 def main():
