@@ -61,6 +61,16 @@ Figures readiness(const OpenPackage& package) {
       {"terrain", package.terrain() != nullptr ? "elevation model" : "flat ground"}};
 }
 
+// Whether the service will know that the autopilot uses its position.
+std::string parameters_listed(const Airframe& airframe) {
+  if (airframe.parameters.empty()) {
+    return "none in the airframe file: the operator will read that the autopilot may not use our position; `nadir "
+           "provision autopilot` lists them";
+  }
+  return fmt::format("{} in the airframe file, compared with the autopilot's before take-off",
+                     airframe.parameters.size());
+}
+
 }  // namespace
 
 std::string_view NadirdCommand::details() const {
@@ -394,6 +404,8 @@ int NadirdCommand::check(Context& context) {
   Opening opening = open_verified(context, package_);
   if (opening.package && request_.remembers()) request_.record_acceptance(opening.package->manifest(), opening);
   std::string camera = "not checked: no --camera", autopilot = "not checked: no --autopilot", second_matcher;
+  const std::string parameters =
+      airframe_file_.empty() ? "not checked: no airframe file" : parameters_listed(flight_.airframe);
   const auto note = [&](PartCheck part, std::string& found) {
     found = part.found;
     opening.findings.add(part.findings);
@@ -415,11 +427,15 @@ int NadirdCommand::check(Context& context) {
                             {"tiles", opening.package->imagery().sidecars().size()},
                             {"camera", camera},
                             {"autopilot", autopilot},
+                            {"parameters", parameters},
                             {"second_matcher", second_matcher}});
   }
   if (!opening.findings.empty()) print_findings(context.err, opening.findings);
   Figures figures = readiness(*opening.package);
-  figures.insert(figures.end(), {{"camera", camera}, {"autopilot", autopilot}, {"second matcher", second_matcher}});
+  figures.insert(figures.end(), {{"camera", camera},
+                                 {"autopilot", autopilot},
+                                 {"parameters", parameters},
+                                 {"second matcher", second_matcher}});
   print_figures(context.out, figures);
   return kAccepted;
 }

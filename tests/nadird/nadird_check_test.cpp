@@ -168,6 +168,19 @@ TEST_F(NadirdCheck, LooksAtTheSecondMatcher) {
   EXPECT_THAT(out_.str(), testing::HasSubstr("not the one that was chosen"));
 }
 
+// Without parameters to compare, nobody will know whether the autopilot uses our position.
+TEST_F(NadirdCheck, SaysWhetherParametersWillBeCompared) {
+  const auto parameters = [&] { return std::string(json::parse(out_.str())["parameters"]); };
+  airframe("bare.json", nullptr);
+  EXPECT_EQ(check(newer_, {"--airframe", path("bare.json")}), 0) << out_.str() << err_.str();
+  EXPECT_THAT(parameters(), testing::HasSubstr("the autopilot may not use our position"));
+  airframe("provisioned.json", nullptr, R"("mavlink": {"parameters": [{"name": "GPS1_TYPE", "value": 14}]}, )");
+  EXPECT_EQ(check(newer_, {"--airframe", path("provisioned.json")}), 0) << out_.str() << err_.str();
+  EXPECT_THAT(parameters(), testing::HasSubstr("1 in the airframe file, compared"));
+  EXPECT_EQ(check(newer_, {"--airframe", "mini-07"}), 0);
+  EXPECT_EQ(parameters(), "not checked: no airframe file");
+}
+
 TEST_F(NadirdCheck, AnUnsignedLinkMustBeChosenForTheCheckToo) {
   EXPECT_EQ(check(newer_, {"--airframe", "mini-07", "--autopilot", "udpin:127.0.0.1:0"}), 2);
   EXPECT_NE(err_.str().find("--unsigned-link"), std::string::npos) << err_.str();
