@@ -9,6 +9,7 @@ import csv
 import json
 import pathlib
 import shutil
+import signal
 import sqlite3
 import sys
 import time
@@ -415,6 +416,22 @@ class DeskPage(support.EndToEnd):
         browser.wait_for("!document.body.classList.contains('stale')")
         browser.wait_for(TEXT.format("frame-heading") + " === 'Frame 7'")
         self.assertEqual(8, browser.evaluate("document.getElementById('frame').max * 1 + 1"))
+
+    def test_a_break_while_a_flight_is_opened_does_not_leave_it(self):
+        _, address = self.flown()
+        browser = self.browse()
+        browser.wait_for("document.getElementById('flights').children.length > 0")
+        port = self.desk.port
+        self.desk.process.send_signal(signal.SIGSTOP)
+        browser.evaluate(f"location.hash = '{address}'")
+        time.sleep(0.5)  # it has asked
+        self.desk.kill()
+        browser.wait_for("document.body.classList.contains('stale')")
+        self.assertEqual(address, browser.evaluate("location.hash"))
+        self.desk.start(f"127.0.0.1:{port}")
+        browser.wait_for(TEXT.format("frame-heading") + " === 'Frame 5'")
+        browser.evaluate("location.hash = '#000000000000'")  # there is none: back to the list
+        browser.wait_for("location.hash === '' && !document.getElementById('list').hidden")
 
     def test_the_report_of_a_flight_is_quiet(self):
         """`nadir replay`'s page, of a flight with positions and of one without any."""

@@ -310,6 +310,7 @@ const candidateRadius = 50;  // m; around a place that a person recognised in th
 
 // ---- Opening and creating
 
+const reopenAfter = 1000;  // ms
 const openFlight = async (id) => {
   shown?.ended.abort();
   const flight = { id, online: [], tracks: {}, verdicts: new Map(), kind: "online", frame: null, head: null, pack: null, ended: new AbortController() };
@@ -375,7 +376,13 @@ const followAddress = () => {
     return closeFlight();
   }
   if (!/^[0-9a-f]{12}$/.test(id)) return closeFlight();
-  openFlight(id).catch((error) => { console.info(error.message); location.hash = ""; });
+  // A connection that breaks meanwhile (TypeError) is no reason to leave the flight; an answer that says no is.
+  openFlight(id).catch((error) => {
+    console.info(error.message);
+    if (location.hash !== "#" + id) return;
+    if (error instanceof TypeError) setTimeout(() => { if (location.hash === "#" + id && shown?.id === id) followAddress(); }, reopenAfter);
+    else location.hash = "";
+  });
 };
 
 makePhotoImport({
