@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Checks the documentation against the programs.
 
-usage: check_docs.py links|commands|examples|tests|attacks PROJECT_ROOT FOLDER_OF_PROGRAMS
+usage: check_docs.py links|units|commands|examples|tests|attacks PROJECT_ROOT FOLDER_OF_PROGRAMS
 
 links     every relative link leads to a file
+units     a systemd unit that is started again and again is not given up by systemd's limit of starts
 commands  every command has a page, and the page names every option that --help lists
 examples  code blocks that begin with ```sh test run with exit code 0, those of one page one after the other, two pages at a time
 tests     every test that docs/trust.md and docs/sync.md name is there, and so is every code that an attack gets
@@ -41,6 +42,15 @@ def check_links(root, _):
         for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
             if not target.startswith(("http://", "https://")) and not (page.parent / target).exists():
                 yield f"{page.relative_to(root)}: no such file: {target}"
+
+
+def check_units(root, _):
+    units = [(page, unit) for page in pages(root) for unit in re.findall(r"^```ini\n(.*?)^```", page.read_text(), re.M | re.S)]
+    if not units:
+        yield "no page shows a unit"
+    for page, unit in units:
+        if "\nRestart=always" in unit and "\nStartLimitIntervalSec=0" not in unit:
+            yield f"{page.relative_to(root)}: after five starts in ten seconds this unit stays dead: {unit.splitlines()[1]}"
 
 
 def output_of(*args):
@@ -167,7 +177,7 @@ def check_bench_attacks(root, _):
 
 
 def main():
-    checks = {"links": check_links, "commands": check_commands, "examples": check_examples, "tests": check_tests,
+    checks = {"links": check_links, "units": check_units, "commands": check_commands, "examples": check_examples, "tests": check_tests,
               "attacks": check_bench_attacks}
     if len(sys.argv) != 4 or sys.argv[1] not in checks:
         print(__doc__, file=sys.stderr)
