@@ -432,10 +432,9 @@ int NadirdCommand::check(Context& context) {
   }
   if (!opening.findings.empty()) print_findings(context.err, opening.findings);
   Figures figures = readiness(*opening.package);
-  figures.insert(figures.end(), {{"camera", camera},
-                                 {"autopilot", autopilot},
-                                 {"parameters", parameters},
-                                 {"second matcher", second_matcher}});
+  figures.insert(
+      figures.end(),
+      {{"camera", camera}, {"autopilot", autopilot}, {"parameters", parameters}, {"second matcher", second_matcher}});
   print_figures(context.out, figures);
   return kAccepted;
 }

@@ -41,8 +41,8 @@ struct AutopilotParameter {
 // receiver: 1 or 2: for ArduPilot the GPS receiver that GPS_INPUT feeds, for PX4 the slot of the auxiliary position.
 std::vector<AutopilotParameter> wanted_parameters(const AutopilotIdentity& autopilot, int receiver);
 
-// The same with what the autopilot has. Those that are only watched are wanted as they are. Throws Error for a parameter without an answer; one of bits is
-// left out then.
+// The same with what the autopilot has. Those that are only watched are wanted as they are. Throws Error for a
+// parameter without an answer; one of bits is left out then.
 std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, const AutopilotIdentity& autopilot,
                                                 int receiver);
 

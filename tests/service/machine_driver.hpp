@@ -23,8 +23,7 @@ inline LocalizedFrame estimate(SourceLabel source, double sigma_m, bool anchored
 class MachineDriver {
  public:
   explicit MachineDriver(double camera_interval_s = 1.0 / 3)
-      : machine_(now_s,
-                 {.camera_interval_s = camera_interval_s, .parameters = ParameterCheck::as_provisioned}) {}
+      : machine_(now_s, {.camera_interval_s = camera_interval_s, .parameters = ParameterCheck::as_provisioned}) {}
   explicit MachineDriver(const ServiceConfig& config) : machine_(now_s, config) {}
 
   void on(const OnboardEvent& event) { keep(machine_.on_event(now_s, event)); }

@@ -443,9 +443,9 @@ TEST(FailsafeAndLead, OurFixLeadsAtOnceWhenGpsFails) {
 // No text says that the autopilot navigates by our position while its parameters say otherwise, or nothing.
 TEST(FailsafeAndLead, ThatTheAutopilotUsesOurFixIsSaidWhereItIsKnown) {
   using enum ParameterCheck;
-  for (const auto& [check, why] : {std::pair(as_provisioned, "GPS is denied"),
-                                   std::pair(deviating, "not as they were provisioned"),
-                                   std::pair(none_listed, "the airframe file lists no parameters")}) {
+  for (const auto& [check, why] :
+       {std::pair(as_provisioned, "GPS is denied"), std::pair(deviating, "not as they were provisioned"),
+        std::pair(none_listed, "the airframe file lists no parameters")}) {
     MachineDriver flight(ServiceConfig{.parameters = pending});
     flight.boot_to_normal();
     flight.on(ParametersCompared{check});

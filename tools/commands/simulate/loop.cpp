@@ -51,9 +51,7 @@ class SimulateLoopCommand final : public Command {
   std::vector<std::string> camera_call(const fs::path& nadir, const LoopInputs& inputs, const std::string& truth,
                                        const fs::path& frames) const;
   void report(Context& context, const LoopFigures& figures, const std::string& page) const;
-  AutopilotType autopilot_type() const {
-    return autopilot_ == "px4" ? AutopilotType::px4 : AutopilotType::ardupilot;
-  }
+  AutopilotType autopilot_type() const { return autopilot_ == "px4" ? AutopilotType::px4 : AutopilotType::ardupilot; }
 
   std::optional<fs::path> world_, out_, nadird_;
   std::vector<std::string> ground_stations_;

@@ -114,8 +114,7 @@ LoopInputs make_loop_inputs(const fs::path& nadir, const std::optional<fs::path>
   maker.make({"cache", "build", "--mission", in_world("mission.yaml"), "--imagery", in_world("map.tif"), "--dem",
               in_world("dem.tif"), "--key", in_folder("signer.key.pem"), "--out", inputs.package.string()});
   maker.make({"cache", "index", inputs.package.string(), "--key", in_folder("signer.key.pem")});
-  write_loop_airframe(inputs.airframe.parent_path(), in_world("camera.yaml"), parameters,
-                      in_folder("hangar.key.pem"));
+  write_loop_airframe(inputs.airframe.parent_path(), in_world("camera.yaml"), parameters, in_folder("hangar.key.pem"));
   return inputs;
 }
 
