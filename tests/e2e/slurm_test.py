@@ -133,10 +133,11 @@ class Cluster:
         """As a power cut: the daemon, the step that watches the task, and the task."""
         ancestors = [task]
         while True:
-            parent = process_status(ancestors[-1]).get("PPid", "1").strip()
-            if parent in ("0", "1") or int(parent) == self.processes[node].pid:
+            parent = int(process_status(ancestors[-1]).get("PPid", "1"))
+            # The step has left its daemon. Whoever has adopted it (init, a session of the user's) is none of ours.
+            if parent == self.processes[node].pid or environment_of(parent).get("SLURM_CONF") != self.environment["SLURM_CONF"]:
                 break
-            ancestors.append(int(parent))
+            ancestors.append(parent)
         daemon = self.processes[node]
         daemon.kill()
         daemon.wait()
