@@ -44,8 +44,8 @@ class ArduPlane:
     actions = ("gps-denied", "gps-step")
     nadird_options = ()
     is_provisioned = True  # by PARAMETERS
-    provisioned = {name: PARAMETERS[name] for name in ("GPS1_TYPE", "GPS1_DELAY_MS", "EK3_SRC1_POSXY", "EK3_SRC1_VELXY",
-                                                       "EK3_SRC1_POSZ", "EK3_SRC1_YAW")}
+    listed_parameters = {name: PARAMETERS[name] for name in ("GPS1_TYPE", "GPS1_DELAY_MS", "EK3_SRC1_POSXY", "EK3_SRC1_VELXY",
+                                                             "EK3_SRC1_POSZ", "EK3_SRC1_YAW")}
     restarts_itself = True
 
     def __init__(self, program, changed=None):

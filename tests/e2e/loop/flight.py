@@ -78,8 +78,8 @@ class Flight:
         self.camera = self.service = self.autopilot = self.watch = None
         self.begun = self.begun_flying = None  # monotonic seconds: the autopilot was started; it flew
 
-    def provisioned(self):
-        """The parameters of a provisioned autopilot, {name: value}; its airframe file lists them."""
+    def listed_parameters(self):
+        """Of a provisioned autopilot, {name: value}; its airframe file lists them."""
         receiver = 2 if self.setup.own_receiver == "first" else 1
         return {name.format(r=receiver): value for name, value in AUTOPILOTS[self.setup.autopilot][1].items()}
 
@@ -129,7 +129,7 @@ class Flight:
             f"udpout:127.0.0.1:{self.truth_port}", "--truth", f"udpout:127.0.0.1:{self.other_port}", "--waypoints",
             inputs.waypoints, "--altitude-m", inputs.altitude_m, "--terrain", inputs.terrain, "--duration",
             setup.minutes * 60, "--speed", setup.speed, "--seed", setup.seed, "--own-receiver", setup.own_receiver, "--log", self.run / "flight",
-            *words, *(f"--parameter={name}={value}" for name, value in self.provisioned().items()), *self._key("--key-file"), *(word for event in setup.events for word in ("--event", event))])
+            *words, *(f"--parameter={name}={value}" for name, value in self.listed_parameters().items()), *self._key("--key-file"), *(word for event in setup.events for word in ("--event", event))])
         self.programs.wait_until_says(self.autopilot, " s  ")
         self.begun_flying = time.monotonic()
 
@@ -171,7 +171,7 @@ class Flight:
         if setup.stand_in is not None:
             return [sys.executable, "-B", HERE / "stand_in.py", self.link_port, self.other_port, "--offset-m",
                     setup.stand_in, *self._key("--key-file")]
-        airframe = inputs.airframe_with(run / "airframe.json", self.provisioned())
+        airframe = inputs.airframe_with(run / "airframe.json", self.listed_parameters())
         return [setup.nadird, "--package", setup.package or inputs.package, "--airframe", airframe, "--trust",
                 inputs.root, *(["--at", inputs.created] if setup.as_of_creation else []), "--state", run / "state", "--camera", f"folder:{run / 'frames'}",
                 "--autopilot", f"udpin:127.0.0.1:{self.link_port}", "--record", self.record, "--listen",

@@ -189,8 +189,8 @@ class Px4:
     ask_for_version = (dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
     actions = ("gps-denied", "gps-step", "gps-drag", "gps-recover", "camera-cut", "camera-restore")
     is_provisioned = False
-    provisioned = {"EKF2_AGP0_ID": 1, "EKF2_AGP0_CTRL": 1, "EKF2_AGP0_MODE": 0, "EKF2_AGP0_DELAY": 0, "EKF2_AGP0_GATE": 5,
-                   "EKF2_HGT_REF": 0}
+    listed_parameters = {"EKF2_AGP0_ID": 1, "EKF2_AGP0_CTRL": 1, "EKF2_AGP0_MODE": 0, "EKF2_AGP0_DELAY": 0, "EKF2_AGP0_GATE": 5,
+                         "EKF2_HGT_REF": 0}
     restarts_itself = False  # its simulator does not know the command
 
     def __init__(self, program, changed=None):

@@ -57,8 +57,8 @@ class SitlFlight(Flight):
         self.watch = Watch(self.url, self.service)
         self.watch.start()
 
-    def provisioned(self):
-        return self.vehicle.provisioned
+    def listed_parameters(self):
+        return self.vehicle.listed_parameters
 
     def start_autopilot(self):
         self.begun = time.monotonic()

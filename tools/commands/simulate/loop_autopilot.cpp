@@ -17,7 +17,7 @@ constexpr std::uint32_t kPlaneAuto = 10;    // custom modes: ArduPlane's AUTO, P
 constexpr std::uint32_t kPx4Mission = (4U << 16) | (4U << 24);
 constexpr std::uint8_t kInt32Parameter = 6, kFloatParameter = 9;  // MAV_PARAM_TYPE_INT32, REAL32
 constexpr const char* kGpsControl = "EKF2_GPS_CTRL";
-constexpr double kGpsUsed = 7;  // EKF2_GPS_CTRL: position and velocity
+constexpr double kGpsUsed = 7;  // of it: position, height and velocity
 constexpr double kTruthPeriod_s = 0.04, kBootedBefore_s = 30;
 constexpr double kGpsAccuracy_m = 1.2, kGpsVerticalAccuracy_m = 2.2, kGpsSpeedAccuracy_mps = 0.3;
 
