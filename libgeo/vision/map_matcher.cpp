@@ -106,26 +106,39 @@ class ChannelMatcher final : public MapMatcher {
         reader_.ce90_m(map_.frame, square_around(match.solved->pose.position, plan.reach_m), plan.scale.fine_gsd_m);
   }
 
-  // Patches, then the pose from them, then patches again with that pose.
+  // Small patches see what is small, and over woods and fields little of that lasts from one year to the next. Where
+  // they agree on nothing, larger ones are tried at half the resolution: they see the borders of woods and fields.
   void refine(AnchorMatch& match, const cv::Mat& grey, const MapWindow& map, const AnchorPrior& prior) const {
+    if (refine_by(kFinePatches, match, grey, map, prior)) return;
+    const MapWindow coarse = at_gsd(map, kCoarsePatchReduction * map.gsd_m);
+    match.fine_gsd_m = coarse.gsd_m;
+    refine_by(kCoarsePatches, match, grey, coarse, prior);
+  }
+
+  // Patches, then the pose from them, then patches again with that pose. False: no pose.
+  bool refine_by(const RefinementPatches& patches, AnchorMatch& match, const cv::Mat& grey, const MapWindow& map,
+                 const AnchorPrior& prior) const {
     const CameraPose& begin = match.search.places.front().pose;
     const ReducedFrame frame = reduce_frame(grey, map_.camera, begin.agl_m, map.gsd_m);
     PoseRefinement refinement(map_.camera, prior, begin, map, map_.surface);
     MapChannels map_channels(map.image, map.mask, features_.fine, features_.channels);
-    for (const RefinementRound& round : kRefinementRounds) {
+    for (const RefinementRound& round : patches.rounds) {
       prior.cancel.check();
       const auto grid = refinement.grid();
-      if (!grid) return;
-      PatchOptions patches;
-      patches.features = features_;
-      patches.columns = round.columns;
-      patches.rows = round.rows;
-      patches.search_px = round.search_px;
+      if (!grid) break;
+      PatchOptions options;
+      options.features = features_;
+      options.patch_px = patches.side_px;
+      options.min_score = patches.min_score;
+      options.columns = round.columns;
+      options.rows = round.rows;
+      options.search_px = round.search_px;
       const CameraPose pose = refinement.pose();
       const RectifiedFrame rectified = rectify(frame, pose, *grid, map_.surface);
-      const PatchMatches found = match_patches(rectified, frame.camera, pose, map, map_channels, patches, map_.surface);
-      if (!refinement.solve(match, found, rectified, pose, round.inlier_px, patches.patch_px)) return;
+      const PatchMatches found = match_patches(rectified, frame.camera, pose, map, map_channels, options, map_.surface);
+      if (!refinement.solve(match, found, rectified, pose, round.inlier_px, options.patch_px)) break;
     }
+    return match.solved.has_value();
   }
 
   MatcherMap map_;

@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "geodesy/angles.hpp"
-#include "vision/area_resize.hpp"
 #include "vision/correlation.hpp"
 #include "vision/matching_plan.hpp"
 
@@ -57,26 +56,8 @@ Channels channels_of(const RectifiedFrame& frame, ChannelSet set, const SearchOp
   return oriented_channels(frame.image, frame.mask, set, options.features.channels);
 }
 
-struct ScaledMap {
-  cv::Mat image, mask;
-  double west_m, north_m, gsd_m;
-};
-
-ScaledMap shrink(const MapWindow& map, double gsd_m) {
-  const double factor = map.gsd_m / gsd_m;
-  if (factor > kWorthShrinking) return {map.image, map.mask, map.west_m, map.north_m, map.gsd_m};
-  const cv::Size size(static_cast<int>(std::lround(map.image.cols * factor)),
-                      static_cast<int>(std::lround(map.image.rows * factor)));
-  ScaledMap scaled{{}, {}, map.west_m, map.north_m, gsd_m};
-  scaled.image = area_resized(map.image, size);
-  scaled.mask = area_resized(map.mask, size);
-  cv::threshold(scaled.mask, scaled.mask, 254, 255, cv::THRESH_BINARY);
-  scaled.gsd_m = map.gsd_m * map.image.cols / size.width;
-  return scaled;
-}
-
 // Camera positions that are searched, as placements of the template's corner in the window's pixels.
-cv::Rect searched_part(const ScaledMap& map, const GroundGrid& grid, const SearchPrior& prior, cv::Size placements) {
+cv::Rect searched_part(const MapWindow& map, const GroundGrid& grid, const SearchPrior& prior, cv::Size placements) {
   const double left = (prior.pose.position.east_m - prior.radius_m + grid.west_m - map.west_m) / map.gsd_m;
   const double top = (map.north_m - prior.pose.position.north_m - prior.radius_m - grid.north_m) / map.gsd_m;
   const int side = static_cast<int>(std::ceil(2 * prior.radius_m / map.gsd_m));
@@ -84,7 +65,7 @@ cv::Rect searched_part(const ScaledMap& map, const GroundGrid& grid, const Searc
          cv::Rect(cv::Point(0, 0), placements);
 }
 
-PlanePoint camera_of(const ScaledMap& map, const GroundGrid& grid, double x, double y) {
+PlanePoint camera_of(const MapWindow& map, const GroundGrid& grid, double x, double y) {
   return {map.west_m + x * map.gsd_m - grid.west_m, map.north_m - y * map.gsd_m - grid.north_m};
 }
 
@@ -120,7 +101,7 @@ HeadingAndHeight trial_of(const MatchHypothesis& hypothesis) {
 }
 
 // The part of the map that a template covers there and up to `slack` pixels off.
-cv::Rect part_under(const ScaledMap& map, const GroundGrid& grid, PlanePoint camera, int slack) {
+cv::Rect part_under(const MapWindow& map, const GroundGrid& grid, PlanePoint camera, int slack) {
   const auto left = static_cast<int>(std::lround((camera.east_m + grid.west_m - map.west_m) / map.gsd_m));
   const auto top = static_cast<int>(std::lround((map.north_m - camera.north_m - grid.north_m) / map.gsd_m));
   return {left - slack, top - slack, grid.columns + 2 * slack, grid.rows + 2 * slack};
@@ -128,7 +109,7 @@ cv::Rect part_under(const ScaledMap& map, const GroundGrid& grid, PlanePoint cam
 
 // Candidates close together lie on the same ground.
 void cover_all(MapChannels& channels, const std::vector<MatchHypothesis>& hypotheses, const ReducedFrame& frame,
-               const ScaledMap& map, int slack) {
+               const MapWindow& map, int slack) {
   cv::Rect all;
   int single = 0;
   for (const MatchHypothesis& hypothesis : hypotheses) {
@@ -142,7 +123,7 @@ void cover_all(MapChannels& channels, const std::vector<MatchHypothesis>& hypoth
 }
 
 // The best pose near a candidate, with all channels.
-void confirm(MatchHypothesis& hypothesis, const ReducedFrame& frame, const ScaledMap& map, MapChannels& map_channels,
+void confirm(MatchHypothesis& hypothesis, const ReducedFrame& frame, const MapWindow& map, MapChannels& map_channels,
              const std::vector<HeadingAndHeight>& trials, int slack, const SearchOptions& options) {
   const ChannelSet set = options.features.fine;
   const auto grid = template_grid(frame.camera, hypothesis.pose, trials, map.gsd_m);
@@ -176,15 +157,15 @@ struct WindowSearch {
                const SearchOptions& search_options)
       : prior(search_prior),
         options(search_options),
-        map(shrink(window, options.gsd_m)),
+        map(at_gsd(window, options.gsd_m)),
         frame(reduce_frame(grey, camera, prior.pose.agl_m, map.gsd_m)),
-        sweep_map(shrink(window, options.gsd_m * kSweepReduction)) {}
+        sweep_map(at_gsd(window, options.gsd_m * kSweepReduction)) {}
 
   SearchPrior prior;
   SearchOptions options;
-  ScaledMap map;
+  MapWindow map;
   ReducedFrame frame;
-  ScaledMap sweep_map;
+  MapWindow sweep_map;
   std::vector<MatchHypothesis> places;
 
   // The frame looks the same in both sweeps.
@@ -218,7 +199,7 @@ void sweep(std::span<WindowSearch> windows) {
   // The denominator varies little over the sweep: one, from the middle trial, serves all.
   const Channels middle = seen_under(trials[trials.size() / 2]);
   for (const WindowSearch& window : windows) {
-    const ScaledMap& map = window.sweep_map;
+    const MapWindow& map = window.sweep_map;
     spectra.emplace_back(oriented_channels(map.image, map.mask, set, options.features.channels),
                          cv::Size(grid->columns, grid->rows));
     norms.emplace_back(middle, spectra.back());

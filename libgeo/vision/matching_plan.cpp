@@ -6,6 +6,7 @@
 
 #include "geodesy/hypotenuse.hpp"
 #include "geodesy/web_mercator.hpp"
+#include "vision/area_resize.hpp"
 
 namespace nadir {
 
@@ -32,6 +33,19 @@ MapWindow cropped_to_map(const MapWindow& map, double margin_m) {
   result.west_m += kept.x * map.gsd_m;
   result.north_m -= kept.y * map.gsd_m;
   return result;
+}
+
+MapWindow at_gsd(const MapWindow& map, double gsd_m) {
+  const double factor = map.gsd_m / gsd_m;
+  if (factor > kWorthShrinking) return map;
+  const cv::Size size(static_cast<int>(std::lround(map.image.cols * factor)),
+                      static_cast<int>(std::lround(map.image.rows * factor)));
+  MapWindow scaled = map;
+  scaled.image = area_resized(map.image, size);
+  scaled.mask = area_resized(map.mask, size);
+  cv::threshold(scaled.mask, scaled.mask, 254, 255, cv::THRESH_BINARY);
+  scaled.gsd_m = map.gsd_m * map.image.cols / size.width;
+  return scaled;
 }
 
 std::optional<MatchingPlan> matching_plan(const CameraModel& camera, const ZoomRange& zooms, const LocalFrame& frame,

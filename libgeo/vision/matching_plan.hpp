@@ -40,6 +40,9 @@ GroundGrid grid_over(const PlaneBox& box, const MapWindow& map);
 // The window without the parts beyond the map, except for a margin that a template may overhang.
 MapWindow cropped_to_map(const MapWindow& map, double margin_m);
 
+// The same ground at this GSD; as it is where it is about as coarse already.
+MapWindow at_gsd(const MapWindow& map, double gsd_m);
+
 // Squares that cover the area, each small enough to be searched at once.
 std::vector<SearchPrior> windows_over(const PlaneBox& area, const SearchPrior& prior);
 

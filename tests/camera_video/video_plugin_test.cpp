@@ -210,7 +210,7 @@ TEST_F(MavlinkCameraTest, OnASignedLinkTheCameraMustSign) {
 }
 
 TEST_F(MavlinkCameraTest, WhatItOffersInsteadIsNamed) {
-  const PartCheck part = find(stream("5600", 1920, 1), "none", "none", 2);
+  const PartCheck part = find(stream("5600", 1920, 1), "none", "none", 8);
   ASSERT_TRUE(part.findings.contains("camera.no_stream"));
   EXPECT_THAT(part.found, testing::HasSubstr("Example Eye 1: 1: RTP, 1920 x 1440"));
 }

@@ -8,7 +8,9 @@
 
 #include <Eigen/LU>
 #include <cmath>
+#include <opencv2/imgproc.hpp>
 
+#include "base/random.hpp"
 #include "estimation/fault_maps.hpp"
 #include "estimation/localizer_fixture.hpp"
 #include "estimation/look_likelihood.hpp"
@@ -98,6 +100,40 @@ TEST_P(Matcher, FindsItInTheWholeArea) {
   const AnchorPrior prior = prior_near(moment().truth);
   const auto matcher = GetParam().make(map(landscape_tiles()));
   expect_place(matcher->match_anywhere(moment().image, prior, {-200, -200, 200, 200}), prior);
+}
+
+// As crowns of trees and crops do from one year to the next: what is small is another, what is large is still there.
+cv::Mat with_other_fine_structure(const cv::Mat& grey) {
+  cv::Mat large, small(grey.size(), CV_32FC1);
+  grey.convertTo(large, CV_32F);
+  cv::GaussianBlur(large, large, cv::Size(), 5);
+  Random random(5);
+  for (float& value : cv::Mat_<float>(small)) value = static_cast<float>(random.normal(0, 130));
+  cv::GaussianBlur(small, small, cv::Size(), 0.8);
+  cv::Mat result;
+  cv::Mat(large + small).convertTo(result, CV_8U);
+  return result;
+}
+
+TEST(ChannelMatcher, WhereFinePatchesAgreeOnNothingLargerOnesFindThePose) {
+  const CameraModel camera = flight_camera().camera;
+  const LocalFrame frame(kOrigin);
+  const FlatGround ground;
+  const auto matcher = make_channel_matcher({camera, landscape_tiles(), frame, ground});
+  const AnchorPrior prior = prior_near(moment().truth);
+  const AnchorMatch fine = matcher->match(moment().image, prior);
+  const AnchorMatch coarse = matcher->match(with_other_fine_structure(moment().image), prior);
+  ASSERT_TRUE(coarse.solved);
+  EXPECT_NEAR(coarse.fine_gsd_m, 2 * fine.fine_gsd_m, 0.01 * fine.fine_gsd_m);
+  const Eigen::Vector2d off = coarse.solved->pose.position - moment().truth.position;
+  EXPECT_LT(off.norm(), 3);
+  EXPECT_LT(off.dot(coarse.solved->covariance.topLeftCorner<2, 2>().inverse() * off), 4 * 13.8) << off.transpose();
+  EXPECT_EQ(coarse.rectified.size(), coarse.matched_map.size());
+  EXPECT_LT(evidence_of(coarse, prior), evidence_of(fine, prior) - 3) << "it says less";
+  // Where there is nothing at all, they find nothing that counts.
+  const AnchorMatch none =
+      matcher->match(with_other_fine_structure(cv::Mat(camera.height, camera.width, CV_8UC1, cv::Scalar(128))), prior);
+  EXPECT_LT(evidence_of(none, prior), 0);
 }
 
 // Windows side by side: whoever cancels ends the search with the window at hand, and there is no match to judge.
