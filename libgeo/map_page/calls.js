@@ -20,12 +20,16 @@ const askForToken = () => asking ??= new Promise((resolve) => {
   };
 });
 
+// The connection broke, and with it the answer. Whatever else is thrown is the service's answer, or the page's own fault.
+class ConnectionLost extends Error {}
+const loseConnection = (error) => { throw new ConnectionLost(error.message); };
+
 const getJson = async (path) => {
   for (;;) {
-    const response = await call(path);
+    const response = await call(path).catch(loseConnection);
     if (response.status === 401) { await askForToken(); continue; }
     if (!response.ok) throw new Error(path + ": " + response.status);
-    return response.json();
+    return response.json().catch(loseConnection);
   }
 };
 

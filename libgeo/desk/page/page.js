@@ -376,11 +376,11 @@ const followAddress = () => {
     return closeFlight();
   }
   if (!/^[0-9a-f]{12}$/.test(id)) return closeFlight();
-  // A connection that breaks meanwhile (TypeError) is no reason to leave the flight; an answer that says no is.
+  // A connection that breaks meanwhile is no reason to leave the flight; an answer that says no is.
   openFlight(id).catch((error) => {
     console.info(error.message);
     if (location.hash !== "#" + id) return;
-    if (error instanceof TypeError) setTimeout(() => { if (location.hash === "#" + id && shown?.id === id) followAddress(); }, reopenAfter);
+    if (error instanceof ConnectionLost) setTimeout(() => { if (location.hash === "#" + id && shown?.id === id) followAddress(); }, reopenAfter);
     else location.hash = "";
   });
 };
