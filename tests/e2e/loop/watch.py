@@ -42,12 +42,18 @@ class Watch(threading.Thread):
                   "gps": (state.get("gps") or {}).get("judgement")}
         for what, value in values.items():
             if self.last.get(what) != value:
-                self.changes.append((now, what, self.last.get(what), value, state.get("reason") or ""))
+                self.changes.append((now, what, self.last.get(what), value, self._reason(what, state)))
         self.last = values
         self.state = state
         for event in state.get("events") or []:
             happened = {**event, "at": now - (event.get("age_s") or 0.0)}  # monotonic seconds
             self.events.setdefault((state.get("boot"), event.get("id")), happened)
+
+    @staticmethod
+    def _reason(what, state):
+        """Of a change of state as the service noted it then: what it says of its state later has counted on."""
+        noted = [event for event in state.get("events") or [] if what == "state" and event.get("kind") == "state"]
+        return max(noted, key=lambda event: event.get("id") or 0)["text"] if noted else state.get("reason") or ""
 
     def memory_growth(self, after_s=60):
         """Largest over smallest after the first minute, in percent; None when it was not sampled for long enough."""
