@@ -39,7 +39,7 @@ struct AnchorMatch {
   std::optional<SolvedPose> solved;
   int patches = 0;         // tried in the last round
   double frame_share = 0;  // share of the frame's footprint that the agreeing patches span
-  double fine_gsd_m = 0;
+  double fine_gsd_m = 0;   // that the patches were matched at
   double coarse_gsd_m = 0;
   bool on_map = true;  // false: the window holds no map
   // The worst CE90 that the tiles beneath the solved pose's footprint state; nothing where none states any.
