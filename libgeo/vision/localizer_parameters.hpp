@@ -168,20 +168,15 @@ struct RefinementRound {
   double search_px;
   double inlier_px;  // of the map's pixels
 };
-struct RefinementPatches {
-  int side_px;
-  double min_score;  // correlation below this is no match
-  std::array<RefinementRound, 3> rounds;
-};
 // The search is good to some pixels, each round to fewer; chosen.
-inline constexpr RefinementPatches kFinePatches{
-    kPatch_px, kMinPatchScore, {{{8, 6, 12, 7.0}, {12, 8, 8, 3.5}, {12, 8, 6, 3.5}}}};
-// At half the resolution, where fine ones agree on nothing: 1.3 times as large on the ground, and half as many, because
-// no more fit side by side. Over more ground wrong places reach lower scores. Chosen with training looks
-// (docs/integrity.md).
-inline constexpr RefinementPatches kCoarsePatches{32, 0.15, {{{8, 6, 8, 5.0}, {8, 6, 6, 3.5}, {8, 6, 6, 3.5}}}};
-inline constexpr double kCoarsePatchReduction = 2;
-inline constexpr double kRefinementSlack_m = 30;  // of map around the footprint at the best hypothesis; chosen
+inline constexpr std::array<RefinementRound, 3> kRefinementRounds{{{8, 6, 12, 7.0}, {12, 8, 8, 3.5}, {12, 8, 6, 3.5}}};
+// Of coarse patches, which are tried where those above agree on nothing. Half as many: no more fit side by side;
+// [looks].
+inline constexpr std::array<RefinementRound, 3> kCoarseRounds{{{8, 6, 8, 5.0}, {8, 6, 6, 3.5}, {8, 6, 6, 3.5}}};
+inline constexpr double kCoarsePatchReduction = 2;    // of the resolution, for coarse patches; [looks]
+inline constexpr int kCoarsePatch_px = 32;            // side: 1.3 times as large on the ground; [looks]
+inline constexpr double kMinCoarsePatchScore = 0.15;  // over more ground wrong places reach lower scores; [looks]
+inline constexpr double kRefinementSlack_m = 30;      // of map around the footprint at the best hypothesis; chosen
 // At least: the search has just measured the heading; chosen.
 inline constexpr double kRefinementHeadingSigma_rad = 0.05;
 inline constexpr double kMaxIndependentPatches = 30;  // they overlap: no more fit into a frame side by side

@@ -1,6 +1,7 @@
 #include "vision/map_matcher.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <opencv2/core.hpp>
 #include <utility>
@@ -10,6 +11,14 @@
 
 namespace nadir {
 namespace {
+
+struct RefinementPatches {
+  int side_px;
+  double min_score;  // correlation below this is no match
+  std::array<RefinementRound, 3> rounds;
+};
+constexpr RefinementPatches kFinePatches{kPatch_px, kMinPatchScore, kRefinementRounds};
+constexpr RefinementPatches kCoarsePatches{kCoarsePatch_px, kMinCoarsePatchScore, kCoarseRounds};
 
 class ChannelMatcher final : public MapMatcher {
  public:

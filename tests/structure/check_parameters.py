@@ -4,7 +4,7 @@
 usage: check_parameters.py PROJECT_ROOT [--write]
 
 Fails when a file of these folders other than localizer_parameters.hpp and the fitted tables of looks holds a fractional literal that is not mathematics,
-when a number of the table has no origin, and when docs/parameters.md does not match the table.
+when a number of the table has no origin or a type that is not read here, so that the page would lack it, and when docs/parameters.md does not match the table.
 --write writes the page anew.
 """
 import pathlib
@@ -122,7 +122,11 @@ def main():
             if path.relative_to(root).as_posix() not in (TABLE, *FITTED):
                 found += [f"{path.relative_to(root)}:{number}: {literal} is a tuned number: it belongs in {TABLE}"
                           for number, literal in stray_literals(path)]
-    sections = read_table((root / TABLE).read_text(encoding="utf-8"))
+    table = (root / TABLE).read_text(encoding="utf-8")
+    sections = read_table(table)
+    on_page = {name for _, rows in sections for name, _, _ in rows}
+    found += [f"{TABLE}: {name} is not read: it needs a type that {pathlib.Path(__file__).name} knows"
+              for name in re.findall(r"^inline constexpr [^=;{]*?(\w+)\s*[={]", table, re.MULTILINE) if name not in on_page]
     if not sections:
         found.append(f"{TABLE} holds no numbers")
     found += [f"{TABLE}: {name} has no origin" for _, rows in sections for name, _, origin in rows if not origin]

@@ -63,6 +63,12 @@ class Parameters(unittest.TestCase):
         self.assertEqual(("2.5", "Two of a kind: [roc]."), rows["kTwo_m"])
         self.assertEqual(("0.45", "below: hardly any other place is possible; [roc]"), rows["clear_ratio"])
 
+    def test_a_number_that_is_not_read_is_no_secret(self):
+        table = TABLE.replace("struct GateLimits", "inline constexpr Rounds kRounds{{8, 6, 3.5}};  // chosen\n\nstruct GateLimits")
+        first, _, output, _ = self.run_on({check_parameters.TABLE: table}, "--write")
+        self.assertEqual(1, first)
+        self.assertIn("kRounds is not read", output)
+
     def test_the_page_follows_the_table(self):
         first, again, _, page = self.run_on({check_parameters.TABLE: TABLE}, "--write")
         self.assertEqual((0, 0), (first, again))
