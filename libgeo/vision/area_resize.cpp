@@ -5,6 +5,8 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "base/platform.hpp"
+
 namespace nadir {
 namespace {
 
@@ -39,17 +41,20 @@ Contributions contributions(int source_size, int target_size) {
   return all;
 }
 
-// sum += weight · (the row of pixels, reduced)
-void add_row(const std::uint8_t* pixels, int channels, const Contributions& across, float weight,
-             std::vector<float>& sum) {
-  std::size_t out = 0;
+// sums += weight · row
+NADIR_FOR_WIDE_REGISTERS void add_row(const std::uint8_t* row, float weight, std::size_t count,
+                                      float* __restrict sums) {
+  for (std::size_t i = 0; i < count; ++i) sums[i] += weight * static_cast<float>(row[i]);
+}
+
+void reduce_row(const float* sums, std::size_t channels, const Contributions& across, std::uint8_t* result) {
   for (std::size_t target = 0; target + 1 < across.begin.size(); ++target) {
-    for (int k = 0; k < channels; ++k, ++out) {
+    for (std::size_t k = 0; k < channels; ++k) {
       float value = 0;
       for (std::size_t i = across.begin[target]; i < across.begin[target + 1]; ++i) {
-        value += static_cast<float>(pixels[across.sources[i].source * channels + k]) * across.sources[i].weight;
+        value += sums[static_cast<std::size_t>(across.sources[i].source) * channels + k] * across.sources[i].weight;
       }
-      sum[out] += weight * value;
+      *result++ = cv::saturate_cast<std::uint8_t>(value);
     }
   }
 }
@@ -66,15 +71,16 @@ cv::Mat area_resized(const cv::Mat& image, cv::Size size) {
   }
   const Contributions across = contributions(image.cols, size.width), down = contributions(image.rows, size.height);
   result.create(size, image.type());
-  std::vector<float> sum(static_cast<std::size_t>(size.width * image.channels()));
+  // Rows first, all columns side by side: that is most of the work, and for wide registers.
+  const auto channels = static_cast<std::size_t>(image.channels());
+  std::vector<float> sums(static_cast<std::size_t>(image.cols) * channels);
   for (int row = 0; row < size.height; ++row) {
-    std::fill(sum.begin(), sum.end(), 0.0F);
+    std::fill(sums.begin(), sums.end(), 0.0F);
     const auto target = static_cast<std::size_t>(row);
     for (std::size_t i = down.begin[target]; i < down.begin[target + 1]; ++i) {
-      add_row(image.ptr<std::uint8_t>(down.sources[i].source), image.channels(), across, down.sources[i].weight, sum);
+      add_row(image.ptr<std::uint8_t>(down.sources[i].source), down.sources[i].weight, sums.size(), sums.data());
     }
-    std::transform(sum.begin(), sum.end(), result.ptr<std::uint8_t>(row),
-                   [](float value) { return cv::saturate_cast<std::uint8_t>(value); });
+    reduce_row(sums.data(), channels, across, result.ptr<std::uint8_t>(row));
   }
   return result;
 }

@@ -42,8 +42,12 @@ MapWindow at_gsd(const MapWindow& map, double gsd_m) {
                       static_cast<int>(std::lround(map.image.rows * factor)));
   MapWindow scaled = map;
   scaled.image = area_resized(map.image, size);
-  scaled.mask = area_resized(map.mask, size);
-  cv::threshold(scaled.mask, scaled.mask, 254, 255, cv::THRESH_BINARY);
+  if (cv::countNonZero(map.mask) == map.mask.size().area()) {
+    scaled.mask = cv::Mat(size, CV_8UC1, cv::Scalar(255));
+  } else {
+    scaled.mask = area_resized(map.mask, size);
+    cv::threshold(scaled.mask, scaled.mask, 254, 255, cv::THRESH_BINARY);
+  }
   scaled.gsd_m = map.gsd_m * map.image.cols / size.width;
   return scaled;
 }
