@@ -69,29 +69,6 @@ ComplexImage cut(const ComplexImage& image, const cv::Rect& part) {
   return result;
 }
 
-// to (+)= window · conj(pattern)
-NADIR_FOR_WIDE_REGISTERS void multiply_row(const float* ar, const float* ai, const float* br, const float* bi,
-                                           std::size_t count, bool add, float* __restrict re, float* __restrict im) {
-  if (add) {
-    for (std::size_t i = 0; i < count; ++i) {
-      re[i] += ar[i] * br[i] + ai[i] * bi[i];
-      im[i] += ai[i] * br[i] - ar[i] * bi[i];
-    }
-  } else {
-    for (std::size_t i = 0; i < count; ++i) {
-      re[i] = ar[i] * br[i] + ai[i] * bi[i];
-      im[i] = ai[i] * br[i] - ar[i] * bi[i];
-    }
-  }
-}
-
-void multiply(const ComplexImage& window, const ComplexImage& pattern, bool add, ComplexImage& product) {
-  for (std::size_t r = 0; r < product.rows(); ++r) {
-    multiply_row(window.real(r), window.imaginary(r), pattern.real(r), pattern.imaginary(r), product.columns(), add,
-                 product.real(r), product.imaginary(r));
-  }
-}
-
 // One channel of a pair as an image.
 ComplexImage channel_of(const ComplexImage& pair, int channel) {
   ComplexImage result(pair.rows(), pair.columns());
@@ -102,7 +79,8 @@ ComplexImage channel_of(const ComplexImage& pair, int channel) {
   return result;
 }
 
-// The length of the transform that does `placements` of a template with the least work.
+// The length of the transform that does `placements` of a template with the least work. Measured: what each number
+// takes grows with the cube root of the length, more than the steps do, as more of the memory lies beyond the caches.
 std::size_t part_length(int window, int pattern) {
   if (pattern <= 0) return FourierTransform::fitting_length(size_of(window));
   const int placements = std::max(1, window - pattern + 1);
@@ -112,7 +90,7 @@ std::size_t part_length(int window, int pattern) {
        length = FourierTransform::fitting_length(length + 1)) {
     const double each = static_cast<double>(length) - pattern + 1;
     const double work =
-        std::ceil(placements / each) * static_cast<double>(length) * std::log2(static_cast<double>(length));
+        std::ceil(placements / each) * static_cast<double>(length) * std::cbrt(static_cast<double>(length));
     if (best == 0 || work < least) {
       best = length;
       least = work;
@@ -173,19 +151,6 @@ void add_differences(const Whole* end, const Whole* begin, std::size_t group, st
       sums[i * group + k] += end[i * step * group + k] - begin[i * step * group + k];
     }
   }
-}
-
-// Sums of a run of pixels: of each channel, and of the squares of all.
-template <std::size_t kChannels>
-void sum_of_run(const std::int16_t* value, std::size_t columns, double* sums, std::int64_t& squares) {
-  std::array<std::int64_t, kChannels> sum{};
-  for (std::size_t c = 0; c < columns; ++c, value += kChannels) {
-    for (std::size_t k = 0; k < kChannels; ++k) {
-      sum[k] += value[k];
-      squares += value[k] * value[k];
-    }
-  }
-  for (std::size_t k = 0; k < kChannels; ++k) sums[k] += static_cast<double>(sum[k]);
 }
 
 NADIR_FOR_WIDE_REGISTERS void add_values(const std::int16_t* values, std::size_t count, std::int32_t* sums,
@@ -271,22 +236,20 @@ TemplateNorm::TemplateNorm(const Channels& shape, const WindowSpectra& window, d
   CV_Assert(placements.width > 0 && placements.height > 0);
   CV_Assert(window.pattern_.empty() || window.pattern_ == template_size_);
   const FourierTransform& transform = window.transform_;
-  const ComplexImage mask = transform.forward(unit_mask(shape.mask));
+  const Spectrum mask = transform.forward(unit_mask(shape.mask));
   const float scale = 1.0F / static_cast<float>(transform.rows() * transform.columns());
   const auto area = static_cast<float>(std::max(1, cv::countNonZero(shape.mask)));
   const auto needed = static_cast<float>(min_valid) * area;
   inverse_norm_.create(placements, CV_32FC1);
-  ComplexImage product(transform.columns(), transform.rows());
   for (const WindowSpectra::Part& part : window.parts_) {
     const cv::Rect here = part.placements & cv::Rect(cv::Point(), placements);
     if (here.empty()) continue;
-    const auto placed = [&](const ComplexImage& spectrum) {
-      multiply(spectrum, mask, false, product);
-      return transform.inverse(product, size_of(here.height), size_of(here.width));
+    const auto placed = [&](const Spectrum& spectrum) {
+      return transform.correlation({&spectrum, 1}, {&mask, 1}, size_of(here.height), size_of(here.width));
     };
     const ComplexImage sums = placed(part.energy_and_valid);
     cv::Mat means_squared = cv::Mat::zeros(here.size(), CV_32FC1);
-    for (const ComplexImage& channel : part.channels) {
+    for (const Spectrum& channel : part.channels) {
       if (!window.means_removed_) break;
       const ComplexImage sum = placed(channel);
       for (int r = 0; r < here.height; ++r) {
@@ -344,12 +307,11 @@ std::vector<cv::Mat> TemplateSpectra::scores(const WindowSpectra& window, const 
   const FourierTransform& transform = window.transform_;
   std::vector<cv::Mat> surfaces;
   for (std::size_t i = 0; i < inverse_norms_.size(); ++i) surfaces.emplace_back(norm.inverse_norm_.size(), CV_32FC1);
-  ComplexImage product(transform.columns(), transform.rows());
   for (const WindowSpectra::Part& part : window.parts_) {
     const cv::Rect here = part.placements & cv::Rect(cv::Point(), norm.inverse_norm_.size());
     if (here.empty()) continue;
-    for (std::size_t k = 0; k < channels_.size(); ++k) multiply(part.channels[k], channels_[k], k > 0, product);
-    const ComplexImage placed = transform.inverse(product, size_of(here.height), size_of(here.width));
+    const ComplexImage placed =
+        transform.correlation(part.channels, channels_, size_of(here.height), size_of(here.width));
     for (std::size_t i = 0; i < surfaces.size(); ++i) {
       const float inverse_norm = inverse_norms_[i];
       for (int r = 0; r < here.height; ++r) {
@@ -418,9 +380,35 @@ std::vector<Peak> distinct_peaks(const cv::Mat& scores, std::size_t count, doubl
   return peaks;
 }
 
+// Of the runs of a template, so many numbers side by side: whole pixels of two channels and of six.
+struct LocalTemplate::RunSums {
+  static constexpr std::size_t kLanes = 48;
+  std::array<std::int64_t, kLanes> values{}, squares{};
+
+  NADIR_FOR_WIDE_REGISTERS void add(const std::int16_t* of, std::size_t count);
+};
+
+NADIR_FOR_WIDE_REGISTERS void LocalTemplate::RunSums::add(const std::int16_t* of, std::size_t count) {
+  std::array<std::int32_t, kLanes> sums{}, sums_of_squares{};
+  const auto add_one = [&](std::size_t lane, std::int16_t value) {
+    sums[lane] += value;
+    sums_of_squares[lane] += value * value;
+  };
+  std::size_t i = 0;
+  for (; i + kLanes <= count; i += kLanes) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) add_one(lane, of[i + lane]);
+  }
+  for (std::size_t lane = 0; i < count; ++i, ++lane) add_one(lane, of[i]);
+  for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    values[lane] += sums[lane];
+    squares[lane] += sums_of_squares[lane];
+  }
+}
+
 LocalTemplate::LocalTemplate(const QuantizedChannels& of, const cv::Rect& part)
     : part_(part), channels_(of.channels()), means_removed_(of.means_removed()), sums_(of.channels()) {
   CV_Assert((part & cv::Rect(cv::Point(), of.size())) == part && part.height <= kMaxRows);
+  RunSums sums;
   for (int row = 0; row < part.height; ++row) {
     const auto* valid = of.mask().ptr<std::uint8_t>(part.y + row) + part.x;
     for (int begin = 0; begin < part.width;) {
@@ -430,24 +418,25 @@ LocalTemplate::LocalTemplate(const QuantizedChannels& of, const cv::Rect& part)
       }
       int end = begin + 1;
       while (end < part.width && valid[end] != 0) ++end;
-      add_run(row, begin, end, of.at(part.y + row, part.x + begin));
+      add_run(row, begin, end, of.at(part.y + row, part.x + begin), sums);
       begin = end;
     }
+  }
+  for (std::size_t lane = 0; lane < RunSums::kLanes; ++lane) {
+    sums_[lane % channels_] += static_cast<double>(sums.values[lane]);
+    energy_ += static_cast<double>(sums.squares[lane]);
   }
   if (!means_removed_) std::fill(sums_.begin(), sums_.end(), 0.0);
   for (const double sum : sums_) energy_ -= sum * sum / std::max(1.0, pixels_);
 }
 
-void LocalTemplate::add_run(int row, int begin, int end, const std::int16_t* values) {
+void LocalTemplate::add_run(int row, int begin, int end, const std::int16_t* values, RunSums& sums) {
   const std::size_t length = static_cast<std::size_t>(end - begin) * channels_;
   const std::size_t blocks = (length + kProductBlock - 1) / kProductBlock;
   runs_.push_back({row, begin, end, values_.size(), blocks});
   values_.insert(values_.end(), values, values + length);
   values_.resize(runs_.back().at + blocks * kProductBlock);
-  std::int64_t squares = 0;
-  const auto sum_up = channels_ == 6 ? sum_of_run<6> : sum_of_run<2>;
-  sum_up(values, static_cast<std::size_t>(end - begin), sums_.data(), squares);
-  energy_ += static_cast<double>(squares);
+  sums.add(values, length);
   pixels_ += end - begin;
 }
 

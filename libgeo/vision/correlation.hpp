@@ -37,8 +37,8 @@ class WindowSpectra {
 
   struct Part {
     cv::Rect placements;
-    std::vector<ComplexImage> channels;  // their spectra, each channel's global mean removed
-    ComplexImage energy_and_valid;       // spectrum of (sum of squares, 1 where valid) as one complex image
+    std::vector<Spectrum> channels;  // each channel's global mean removed
+    Spectrum energy_and_valid;       // of (sum of squares, 1 where valid) as one complex image
   };
 
   cv::Size window_size_;
@@ -76,7 +76,7 @@ class TemplateSpectra {
 
  private:
   cv::Size template_size_, window_size_;
-  std::vector<ComplexImage> channels_;
+  std::vector<Spectrum> channels_;
   std::vector<float> inverse_norms_;  // of each template
 };
 
@@ -114,11 +114,12 @@ class LocalTemplate {
     int row = 0, begin = 0, end = 0;
     std::size_t at = 0, blocks = 0;  // in values_
   };
+  struct RunSums;
   struct WindowSums;
   class Columns;
   class Rows;
 
-  void add_run(int row, int begin, int end, const std::int16_t* values);
+  void add_run(int row, int begin, int end, const std::int16_t* values, RunSums& sums);
 
   cv::Rect part_;
   std::size_t channels_ = 0;

@@ -1,6 +1,8 @@
 #include "vision/fourier.hpp"
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <numbers>
@@ -10,113 +12,109 @@
 namespace nadir {
 namespace {
 
-constexpr std::size_t kBlock = FourierSteps::kColumns;
+constexpr std::size_t kBlock = FourierSteps::kLines;
+constexpr std::size_t kPlace =
+    2 * kBlock;  // sixteen real parts, then sixteen imaginary ones: of one place in the lines
 
-struct Lines {
-  float *real, *imaginary;
+struct Number {
+  float real, imaginary;
 };
+Number operator+(Number a, Number b) { return {a.real + b.real, a.imaginary + b.imaginary}; }
+Number operator-(Number a, Number b) { return {a.real - b.real, a.imaginary - b.imaginary}; }
+Number operator*(float f, Number a) { return {f * a.real, f * a.imaginary}; }
+Number operator*(Number a, Number b) {
+  return {a.real * b.real - a.imaginary * b.imaginary, a.real * b.imaginary + a.imaginary * b.real};
+}
+Number times_i(Number a) { return {-a.imaginary, a.real}; }
+Number times_minus_i(Number a) { return {a.imaginary, -a.real}; }
 
-// y[R p + j] = w^(p j) Σ_k x[p + m k] exp(-2πi j k / R), for each part p of m, over `width` numbers side by side.
-NADIR_FOR_WIDE_REGISTERS void radix_4(const float* turns, std::size_t parts, std::size_t width, const float* xr,
-                                      const float* xi, float* yr, float* yi) {
-  const std::size_t quarter = parts * width;
-  for (std::size_t p = 0; p < parts; ++p, turns += 6) {
-    const float w1r = turns[0], w1i = turns[1], w2r = turns[2], w2i = turns[3], w3r = turns[4], w3i = turns[5];
-    const float *ar = xr + p * width, *ai = xi + p * width;
-    const float *br = ar + quarter, *bi = ai + quarter;
-    const float *cr = ar + 2 * quarter, *ci = ai + 2 * quarter;
-    const float *dr = ar + 3 * quarter, *di = ai + 3 * quarter;
-    float *out0r = yr + 4 * p * width, *out0i = yi + 4 * p * width;
-    float *out1r = out0r + width, *out1i = out0i + width;
-    float *out2r = out0r + 2 * width, *out2i = out0i + 2 * width;
-    float *out3r = out0r + 3 * width, *out3i = out0i + 3 * width;
+template <std::size_t kRadix>
+using Numbers = std::array<Number, kRadix>;
+
+[[gnu::always_inline]] inline Numbers<3> sums(const Numbers<3>& x) {
+  constexpr auto kHalfRootOf3 = static_cast<float>(std::numbers::sqrt3 / 2);
+  const Number sum = x[1] + x[2], side = kHalfRootOf3 * times_i(x[1] - x[2]), middle = x[0] - 0.5F * sum;
+  return {x[0] + sum, middle - side, middle + side};
+}
+
+[[gnu::always_inline]] inline void four_sums(Number x0, Number x1, Number x2, Number x3, Number& y0, Number& y1,
+                                             Number& y2, Number& y3) {
+  const Number even = x0 + x2, even_difference = x0 - x2, odd = x1 + x3, odd_difference = times_i(x1 - x3);
+  y0 = even + odd;
+  y1 = even_difference - odd_difference;
+  y2 = even - odd;
+  y3 = even_difference + odd_difference;
+}
+
+[[gnu::always_inline]] inline Numbers<4> sums(const Numbers<4>& x) {
+  Numbers<4> y;
+  four_sums(x[0], x[1], x[2], x[3], y[0], y[1], y[2], y[3]);
+  return y;
+}
+
+[[gnu::always_inline]] inline Numbers<5> sums(const Numbers<5>& x) {
+  constexpr auto kCos1 = static_cast<float>((std::numbers::phi - 1) / 2),
+                 kCos2 = static_cast<float>(-std::numbers::phi / 2);
+  static const auto kSin1 = static_cast<float>(std::sin(2 * std::numbers::pi / 5)),
+                    kSin2 = static_cast<float>(std::sin(4 * std::numbers::pi / 5));
+  const Number sum14 = x[1] + x[4], difference14 = x[1] - x[4], sum23 = x[2] + x[3], difference23 = x[2] - x[3];
+  const Number middle1 = x[0] + (kCos1 * sum14 + kCos2 * sum23), middle2 = x[0] + (kCos2 * sum14 + kCos1 * sum23);
+  const Number side1 = times_i(kSin1 * difference14 + kSin2 * difference23);
+  const Number side2 = times_i(kSin2 * difference14 - kSin1 * difference23);
+  return {x[0] + (sum14 + sum23), middle1 - side1, middle2 - side2, middle2 + side2, middle1 + side1};
+}
+
+[[gnu::always_inline]] inline Numbers<8> sums(const Numbers<8>& x) {
+  constexpr auto kHalfRootOf2 = static_cast<float>(std::numbers::sqrt2 / 2);
+  Numbers<8> y;
+  four_sums(x[0] + x[4], x[1] + x[5], x[2] + x[6], x[3] + x[7], y[0], y[2], y[4], y[6]);
+  // exp(-2πi k / 8): 1, (1 - i) / √2, -i and (-1 - i) / √2.
+  const Number d1 = x[1] - x[5], d3 = x[3] - x[7];
+  four_sums(x[0] - x[4], kHalfRootOf2 * (d1 - times_i(d1)), times_minus_i(x[2] - x[6]),
+            kHalfRootOf2 * (times_minus_i(d3) - d3), y[1], y[3], y[5], y[7]);
+  return y;
+}
+
+// y[R p + j] = w^(p j) Σ_k x[p + m k] exp(-2πi j k / R) for each part p of m, over `apart` places side by side.
+template <std::size_t kRadix>
+[[gnu::always_inline]] inline void all_parts(const FourierSteps::Step& step, const float* x, float* y) {
+  const std::size_t from = step.parts * step.apart * kPlace, to = step.apart * kPlace;
+  const float* turns = step.turns.data();
+  for (std::size_t p = 0; p < step.parts; ++p, turns += 2 * kRadix, y += (kRadix - 1) * to) {
+    Numbers<kRadix> w;
+    for (std::size_t j = 0; j < kRadix; ++j) w[j] = {turns[2 * j], turns[2 * j + 1]};
+    for (std::size_t s = 0; s < step.apart; ++s, x += kPlace, y += kPlace) {
 #pragma GCC ivdep
-    for (std::size_t q = 0; q < width; ++q) {
-      const float sumr = ar[q] + cr[q], sumi = ai[q] + ci[q];
-      const float difr = ar[q] - cr[q], difi = ai[q] - ci[q];
-      const float osumr = br[q] + dr[q], osumi = bi[q] + di[q];
-      const float odifr = br[q] - dr[q], odifi = bi[q] - di[q];
-      out0r[q] = sumr + osumr;
-      out0i[q] = sumi + osumi;
-      const float oner = difr + odifi, onei = difi - odifr;
-      out1r[q] = w1r * oner - w1i * onei;
-      out1i[q] = w1r * onei + w1i * oner;
-      const float twor = sumr - osumr, twoi = sumi - osumi;
-      out2r[q] = w2r * twor - w2i * twoi;
-      out2i[q] = w2r * twoi + w2i * twor;
-      const float threer = difr - odifi, threei = difi + odifr;
-      out3r[q] = w3r * threer - w3i * threei;
-      out3i[q] = w3r * threei + w3i * threer;
+      for (std::size_t q = 0; q < kBlock; ++q) {
+        Numbers<kRadix> in;
+#pragma GCC unroll 8
+        for (std::size_t k = 0; k < kRadix; ++k) in[k] = {x[k * from + q], x[k * from + kBlock + q]};
+        const Numbers<kRadix> out = sums(in);
+        y[q] = out[0].real;
+        y[kBlock + q] = out[0].imaginary;
+#pragma GCC unroll 8
+        for (std::size_t j = 1; j < kRadix; ++j) {
+          const Number turned = w[j] * out[j];
+          y[j * to + q] = turned.real;
+          y[j * to + kBlock + q] = turned.imaginary;
+        }
+      }
     }
   }
 }
 
-NADIR_FOR_WIDE_REGISTERS void radix_3(const float* turns, std::size_t parts, std::size_t width, const float* xr,
-                                      const float* xi, float* yr, float* yi) {
-  const std::size_t third = parts * width;
-  constexpr float kHalfRootOf3 = static_cast<float>(std::numbers::sqrt3 / 2);
-  for (std::size_t p = 0; p < parts; ++p, turns += 6) {
-    const float w1r = turns[0], w1i = turns[1], w2r = turns[2], w2i = turns[3];
-    const float *ar = xr + p * width, *ai = xi + p * width;
-    const float *br = ar + third, *bi = ai + third;
-    const float *cr = ar + 2 * third, *ci = ai + 2 * third;
-    float *out0r = yr + 3 * p * width, *out0i = yi + 3 * p * width;
-    float *out1r = out0r + width, *out1i = out0i + width;
-    float *out2r = out0r + 2 * width, *out2i = out0i + 2 * width;
-#pragma GCC ivdep
-    for (std::size_t q = 0; q < width; ++q) {
-      const float sumr = br[q] + cr[q], sumi = bi[q] + ci[q];
-      const float difr = kHalfRootOf3 * (br[q] - cr[q]);
-      const float difi = kHalfRootOf3 * (bi[q] - ci[q]);
-      const float midr = ar[q] - 0.5F * sumr, midi = ai[q] - 0.5F * sumi;
-      out0r[q] = ar[q] + sumr;
-      out0i[q] = ai[q] + sumi;
-      const float oner = midr + difi, onei = midi - difr;
-      out1r[q] = w1r * oner - w1i * onei;
-      out1i[q] = w1r * onei + w1i * oner;
-      const float twor = midr - difi, twoi = midi + difr;
-      out2r[q] = w2r * twor - w2i * twoi;
-      out2i[q] = w2r * twoi + w2i * twor;
-    }
-  }
-}
-
-NADIR_FOR_WIDE_REGISTERS void radix_2(const float* turns, std::size_t parts, std::size_t width, const float* xr,
-                                      const float* xi, float* yr, float* yi) {
-  const std::size_t half = parts * width;
-  for (std::size_t p = 0; p < parts; ++p, turns += 6) {
-    const float w1r = turns[0], w1i = turns[1];
-    const float *ar = xr + p * width, *ai = xi + p * width;
-    const float *br = ar + half, *bi = ai + half;
-    float *out0r = yr + 2 * p * width, *out0i = yi + 2 * p * width;
-    float *out1r = out0r + width, *out1i = out0i + width;
-#pragma GCC ivdep
-    for (std::size_t q = 0; q < width; ++q) {
-      const float difr = ar[q] - br[q], difi = ai[q] - bi[q];
-      out0r[q] = ar[q] + br[q];
-      out0i[q] = ai[q] + bi[q];
-      out1r[q] = w1r * difr - w1i * difi;
-      out1i[q] = w1r * difi + w1i * difr;
-    }
-  }
-}
-
-// Blocks of columns in memory that the steps swap between.
+// Memory that the steps swap a block of lines with.
 class Scratch {
  public:
-  explicit Scratch(std::size_t length)
-      : values_(std::make_unique_for_overwrite<float[]>(4 * length * kBlock)), size_(length * kBlock) {}
-  Lines one() { return {values_.get(), values_.get() + size_}; }
-  Lines other() { return {values_.get() + 2 * size_, values_.get() + 3 * size_}; }
-  // Transforms what lies in one() and returns where the result is.
-  Lines transform(const FourierSteps& steps) {
-    const bool swapped = steps.transform(one().real, one().imaginary, other().real, other().imaginary);
-    return swapped ? other() : one();
+  explicit Scratch(std::size_t length) : values_(std::make_unique_for_overwrite<float[]>(length * kPlace)) {}
+  float* values() { return values_.get(); }
+  // Transforms a block and returns where the result is: there or here.
+  const float* transform(const FourierSteps& steps, float* block) {
+    return steps.transform(block, values()) ? values() : block;
   }
 
  private:
   std::unique_ptr<float[]> values_;
-  std::size_t size_;
 };
 
 // A block of sixteen columns, and of an image's rows that many wide pieces.
@@ -128,18 +126,28 @@ void copy_piece(const float* from, std::size_t width, float* to) {
   }
 }
 
-void load_columns(const float* from, std::size_t stride, std::size_t rows, std::size_t width, std::size_t length,
-                  float* block) {
-  for (std::size_t r = 0; r < rows; ++r) {
-    float* row = block + r * kBlock;
-    copy_piece(from + r * stride, width, row);
-    std::fill(row + width, row + kBlock, 0.0F);
+void load_columns(const ComplexImage& image, std::size_t column, std::size_t length, float* block) {
+  const std::size_t width = std::min(kBlock, image.columns() - column);
+  for (std::size_t r = 0; r < image.rows(); ++r, block += kPlace) {
+    if (width < kBlock) std::fill_n(block, kPlace, 0.0F);
+    copy_piece(image.real(r) + column, width, block);
+    copy_piece(image.imaginary(r) + column, width, block + kBlock);
   }
-  std::fill(block + rows * kBlock, block + length * kBlock, 0.0F);
+  std::fill_n(block, (length - image.rows()) * kPlace, 0.0F);
 }
 
-void store_columns(const float* block, std::size_t rows, std::size_t width, std::size_t stride, float* to) {
-  for (std::size_t r = 0; r < rows; ++r) copy_piece(block + r * kBlock, width, to + r * stride);
+// Of sixteen lines.
+NADIR_FOR_WIDE_REGISTERS void multiply(const float* one, const float* other, std::size_t places, bool add,
+                                       float* __restrict product) {
+  for (std::size_t i = 0; i < places; ++i, one += kPlace, other += kPlace, product += kPlace) {
+    for (std::size_t q = 0; q < kBlock; ++q) {
+      // to (+)= one · conj(other)
+      const float real = one[q] * other[q] + one[kBlock + q] * other[kBlock + q];
+      const float imaginary = one[kBlock + q] * other[q] - one[q] * other[kBlock + q];
+      product[q] = add ? product[q] + imaginary : imaginary;
+      product[kBlock + q] = add ? product[kBlock + q] + real : real;
+    }
+  }
 }
 
 using FourFloats [[gnu::vector_size(16), gnu::aligned(4), gnu::may_alias]] = float;
@@ -162,12 +170,13 @@ void transpose_4(const float* from, std::size_t stride, float* to, std::size_t t
   store(3, __builtin_shuffle(ab2, cd2, FourIndices{2, 3, 6, 7}));
 }
 
-// Rows and columns: multiples of four.
-void transpose(const float* from, std::size_t rows, std::size_t columns, std::size_t stride, float* to,
-               std::size_t to_stride) {
-  for (std::size_t r = 0; r < rows; r += 4) {
-    for (std::size_t c = 0; c < columns; c += 4) {
-      transpose_4(from + r * stride + c, stride, to + c * to_stride + r, to_stride);
+// Sixteen places of sixteen lines become sixteen places of the other direction.
+void transpose_tile(const float* from, float* to) {
+  for (const std::size_t part : {std::size_t{0}, kBlock}) {
+    for (std::size_t r = 0; r < kBlock; r += 4) {
+      for (std::size_t c = 0; c < kBlock; c += 4) {
+        transpose_4(from + r * kPlace + part + c, kPlace, to + c * kPlace + part + r, kPlace);
+      }
     }
   }
 }
@@ -179,93 +188,120 @@ ComplexImage::ComplexImage(std::size_t rows, std::size_t columns)
 
 void ComplexImage::clear() { std::fill_n(values_.get(), 2 * rows_ * columns_, 0.0F); }
 
+NADIR_FOR_WIDE_REGISTERS void FourierSteps::run(const Step& step, const float* x, float* y) {
+  switch (step.radix) {
+    case 3: return all_parts<3>(step, x, y);
+    case 4: return all_parts<4>(step, x, y);
+    case 5: return all_parts<5>(step, x, y);
+    default: return all_parts<8>(step, x, y);
+  }
+}
+
+namespace {
+
+// The steps of a length; nothing where it has other factors. Eights as far as fours take the rest.
+std::vector<std::size_t> radices_of(std::size_t length) {
+  std::vector<std::size_t> radices;
+  for (const std::size_t odd : {std::size_t{5}, std::size_t{3}}) {
+    for (; length % odd == 0; length /= odd) radices.push_back(odd);
+  }
+  for (; length > 1 && std::bit_width(length) % 3 != 1 && length % 4 == 0; length /= 4) radices.push_back(4);
+  for (; length % 8 == 0; length /= 8) radices.push_back(8);
+  return length == 1 ? radices : std::vector<std::size_t>();
+}
+
+}  // namespace
+
 FourierSteps::FourierSteps(std::size_t length) : length_(length) {
   std::size_t left = length, apart = 1;
-  while (left > 1) {
-    Step step;
-    step.radix = left % 3 == 0 ? 3 : left % 4 == 0 ? 4 : 2;
-    step.parts = left / step.radix;
-    step.apart = apart;
+  for (const std::size_t radix : radices_of(length)) {
+    Step step{radix, left / radix, apart, {}};
     for (std::size_t p = 0; p < step.parts; ++p) {
-      for (std::size_t power = 1; power <= 3; ++power) {
+      for (std::size_t power = 0; power < radix; ++power) {
         const double angle = -2 * std::numbers::pi * static_cast<double>(p * power) / static_cast<double>(left);
         step.turns.push_back(static_cast<float>(std::cos(angle)));
         step.turns.push_back(static_cast<float>(std::sin(angle)));
       }
     }
     left = step.parts;
-    apart *= step.radix;
+    apart *= radix;
     steps_.push_back(std::move(step));
   }
 }
 
-bool FourierSteps::transform(float* real, float* imaginary, float* other_real, float* other_imaginary) const {
+bool FourierSteps::transform(float* block, float* other) const {
   bool swapped = false;
   for (const Step& step : steps_) {
-    const auto run = step.radix == 4 ? radix_4 : step.radix == 3 ? radix_3 : radix_2;
-    run(step.turns.data(), step.parts, step.apart * kColumns, real, imaginary, other_real, other_imaginary);
-    std::swap(real, other_real);
-    std::swap(imaginary, other_imaginary);
+    run(step, block, other);
+    std::swap(block, other);
     swapped = !swapped;
   }
   return swapped;
 }
 
-FourierTransform::FourierTransform(std::size_t rows, std::size_t columns)
-    : along_rows_(rows), along_columns_(columns) {}
+std::complex<float> Spectrum::at(std::size_t vertical, std::size_t horizontal) const {
+  const float* place = values_.get() + (vertical / kBlock * columns_ + horizontal) * kPlace + vertical % kBlock;
+  return {place[0], place[kBlock]};
+}
 
-ComplexImage FourierTransform::forward(const ComplexImage& image) const {
-  ComplexImage spectrum(columns(), rows());
-  Scratch vertical(rows());
+FourierTransform::FourierTransform(std::size_t rows, std::size_t columns) : vertical_(rows), horizontal_(columns) {}
+
+Spectrum FourierTransform::forward(const ComplexImage& image) const {
+  Spectrum spectrum(rows(), columns());
   const std::size_t used = std::min(columns(), (image.columns() + kBlock - 1) / kBlock * kBlock);
+  const std::size_t block = columns() * kPlace;
+  Scratch loaded(rows()), vertical_scratch(rows());
   for (std::size_t c = 0; c < used; c += kBlock) {
-    const std::size_t width = std::min(kBlock, image.columns() - c);
-    load_columns(image.real(0) + c, image.columns(), image.rows(), width, rows(), vertical.one().real);
-    load_columns(image.imaginary(0) + c, image.columns(), image.rows(), width, rows(), vertical.one().imaginary);
-    const Lines result = vertical.transform(along_rows_);
-    transpose(result.real, rows(), kBlock, kBlock, spectrum.real(c), rows());
-    transpose(result.imaginary, rows(), kBlock, kBlock, spectrum.imaginary(c), rows());
+    load_columns(image, c, rows(), loaded.values());
+    const float* result = vertical_scratch.transform(vertical_, loaded.values());
+    for (std::size_t r = 0; r < rows(); r += kBlock) {
+      transpose_tile(result + r * kPlace, spectrum.values_.get() + r / kBlock * block + c * kPlace);
+    }
   }
-  Scratch horizontal(columns());
+  Scratch horizontal_scratch(columns());
   for (std::size_t r = 0; r < rows(); r += kBlock) {
-    load_columns(spectrum.real(0) + r, rows(), used, kBlock, columns(), horizontal.one().real);
-    load_columns(spectrum.imaginary(0) + r, rows(), used, kBlock, columns(), horizontal.one().imaginary);
-    const Lines result = horizontal.transform(along_columns_);
-    store_columns(result.real, columns(), kBlock, rows(), spectrum.real(0) + r);
-    store_columns(result.imaginary, columns(), kBlock, rows(), spectrum.imaginary(0) + r);
+    float* lines = spectrum.values_.get() + r / kBlock * block;
+    std::fill(lines + used * kPlace, lines + block, 0.0F);
+    const float* result = horizontal_scratch.transform(horizontal_, lines);
+    if (result != lines) std::copy_n(result, block, lines);
   }
   return spectrum;
 }
 
 // The inverse of a transform is the transform with both parts swapped before and after.
-ComplexImage FourierTransform::inverse(ComplexImage& spectrum, std::size_t out_rows, std::size_t out_columns) const {
-  Scratch horizontal(columns());
+ComplexImage FourierTransform::correlation(std::span<const Spectrum> ones, std::span<const Spectrum> others,
+                                           std::size_t out_rows, std::size_t out_columns) const {
+  const std::size_t used = (out_columns + kBlock - 1) / kBlock * kBlock;
+  const std::size_t block = columns() * kPlace;
+  const auto half_way = std::make_unique_for_overwrite<float[]>(used * rows() * 2);
+  Scratch products(columns()), horizontal_scratch(columns());
   for (std::size_t r = 0; r < rows(); r += kBlock) {
-    load_columns(spectrum.real(0) + r, rows(), columns(), kBlock, columns(), horizontal.one().imaginary);
-    load_columns(spectrum.imaginary(0) + r, rows(), columns(), kBlock, columns(), horizontal.one().real);
-    const Lines result = horizontal.transform(along_columns_);
-    store_columns(result.imaginary, out_columns, kBlock, rows(), spectrum.real(0) + r);
-    store_columns(result.real, out_columns, kBlock, rows(), spectrum.imaginary(0) + r);
+    for (std::size_t k = 0; k < ones.size(); ++k) {
+      const std::size_t at = r / kBlock * block;
+      multiply(ones[k].values_.get() + at, others[k].values_.get() + at, columns(), k > 0, products.values());
+    }
+    const float* result = horizontal_scratch.transform(horizontal_, products.values());
+    for (std::size_t c = 0; c < used; c += kBlock) {
+      transpose_tile(result + c * kPlace, half_way.get() + (c / kBlock * rows() + r) * kPlace);
+    }
   }
   ComplexImage image(out_rows, out_columns);
-  Scratch vertical(rows());
+  Scratch vertical_scratch(rows());
   for (std::size_t c = 0; c < out_columns; c += kBlock) {
     const std::size_t width = std::min(kBlock, out_columns - c);
-    // Rows beyond those that are asked for hold other numbers, which are not stored.
-    transpose(spectrum.real(c), kBlock, rows(), rows(), vertical.one().imaginary, kBlock);
-    transpose(spectrum.imaginary(c), kBlock, rows(), rows(), vertical.one().real, kBlock);
-    const Lines result = vertical.transform(along_rows_);
-    store_columns(result.imaginary, out_rows, width, out_columns, image.real(0) + c);
-    store_columns(result.real, out_rows, width, out_columns, image.imaginary(0) + c);
+    const float* result = vertical_scratch.transform(vertical_, half_way.get() + c / kBlock * rows() * kPlace);
+    for (std::size_t r = 0; r < out_rows; ++r, result += kPlace) {
+      copy_piece(result + kBlock, width, image.real(r) + c);
+      copy_piece(result, width, image.imaginary(r) + c);
+    }
   }
   return image;
 }
 
 std::size_t FourierTransform::fitting_length(std::size_t least) {
-  std::size_t length = kBlock;
-  while (length < least) length *= 2;
-  const std::size_t with_three = length / 4 * 3;
-  return with_three >= least && with_three % kBlock == 0 ? with_three : length;
+  std::size_t length = std::max(kBlock, (least + kBlock - 1) / kBlock * kBlock);
+  while (radices_of(length).empty()) length += kBlock;
+  return length;
 }
 
 }  // namespace nadir

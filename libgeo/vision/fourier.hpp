@@ -1,11 +1,14 @@
 // Discrete Fourier transforms of complex images in single precision, for correlation over many placements.
 //
-// Stockham's radix-4 steps over blocks of sixteen columns that stay in the first-level cache; each lane of a register
-// is one column, so the bits are the same whatever the width of the registers.
+// Stockham's steps of radix 8, 4, 3 and 5 over blocks of sixteen lines that stay in the nearest caches; each lane of a
+// register is one line, so the bits are the same whatever the width of the registers. What goes from one direction to
+// the other lies in memory block by block, in the order in which it is read.
 #pragma once
 
+#include <complex>
 #include <cstddef>
 #include <memory>
+#include <span>
 #include <vector>
 
 namespace nadir {
@@ -34,39 +37,56 @@ class FourierSteps {
   explicit FourierSteps(std::size_t length);
   std::size_t length() const { return length_; }
 
-  static constexpr std::size_t kColumns = 16;  // of a block
-  // Of `length` rows of kColumns numbers each; the result lies in the first pair or, when it returns true, in the
-  // second.
-  bool transform(float* real, float* imaginary, float* other_real, float* other_imaginary) const;
+  static constexpr std::size_t kLines = 16;  // of a block
+  // A block of `length` places, of each the real parts of kLines lines and then their imaginary parts. True: the result
+  // lies in the other block.
+  bool transform(float* block, float* other) const;
 
- private:
   struct Step {
     std::size_t radix = 4, parts = 1, apart = 1;
-    std::vector<float> turns;  // real and imaginary of w, w² (and w³) for each part
+    std::vector<float> turns;  // real and imaginary of 1, w, w², … for each part
   };
+  static void run(const Step& step, const float* x, float* y);
+
+ private:
   std::size_t length_;
   std::vector<Step> steps_;
+};
+
+// Of an image, in the order in which a transform works: blocks of sixteen vertical frequencies, in each of them one
+// horizontal frequency after the other. Spectra of one transform have the same order.
+class Spectrum {
+ public:
+  std::complex<float> at(std::size_t vertical, std::size_t horizontal) const;
+
+ private:
+  friend class FourierTransform;
+  Spectrum(std::size_t rows, std::size_t columns)
+      : columns_(columns), values_(std::make_unique_for_overwrite<float[]>(2 * rows * columns)) {}
+
+  std::size_t columns_;
+  std::unique_ptr<float[]> values_;
 };
 
 class FourierTransform {
  public:
   FourierTransform(std::size_t rows, std::size_t columns);
 
-  std::size_t rows() const { return along_rows_.length(); }
-  std::size_t columns() const { return along_columns_.length(); }
+  std::size_t rows() const { return vertical_.length(); }
+  std::size_t columns() const { return horizontal_.length(); }
 
-  // The spectrum of an image of at most rows() times columns(), filled up with zeros. It is transposed: row k belongs
-  // to the horizontal frequency k, column k to the vertical one.
-  ComplexImage forward(const ComplexImage& image) const;
-  // The upper left part of the image with that spectrum, not divided by rows() times columns(). The spectrum is used
-  // up.
-  ComplexImage inverse(ComplexImage& spectrum, std::size_t rows, std::size_t columns) const;
+  // The spectrum of an image of at most rows() times columns(), filled up with zeros.
+  Spectrum forward(const ComplexImage& image) const;
+  // The upper left part of the image whose spectrum is Σ_k ones[k] · conj(others[k]): the sum of the correlations, not
+  // divided by rows() times columns().
+  ComplexImage correlation(std::span<const Spectrum> ones, std::span<const Spectrum> others, std::size_t rows,
+                           std::size_t columns) const;
 
-  // The next length that is as fast to transform as can be: a power of two of at least 16, or three times one.
+  // The length of at least `least` that is transformed with the least work.
   static std::size_t fitting_length(std::size_t least);
 
  private:
-  FourierSteps along_rows_, along_columns_;  // of a vertical line, of a horizontal one
+  FourierSteps vertical_, horizontal_;
 };
 
 }  // namespace nadir

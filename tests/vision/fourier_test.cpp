@@ -55,34 +55,55 @@ struct Sizes {
 class FourierSizes : public testing::TestWithParam<Sizes> {};
 INSTANTIATE_TEST_SUITE_P(Fourier, FourierSizes,
                          testing::Values(Sizes{16, 16, 16, 16}, Sizes{32, 48, 20, 17}, Sizes{96, 64, 96, 33},
-                                         Sizes{48, 128, 1, 128}, Sizes{64, 16, 7, 1}));
+                                         Sizes{48, 128, 1, 128}, Sizes{64, 16, 7, 1}, Sizes{80, 144, 40, 50},
+                                         Sizes{400, 160, 9, 30}, Sizes{16, 512, 3, 20}));
 
 TEST_P(FourierSizes, EqualsTheDefinition) {
   const auto [rows, columns, image_rows, image_columns] = GetParam();
   const ComplexImage image = random_image(image_rows, image_columns, 5);
-  const ComplexImage spectrum = FourierTransform(rows, columns).forward(image);
+  const Spectrum spectrum = FourierTransform(rows, columns).forward(image);
   const auto expected = defined_spectrum(image, rows, columns);
   double worst = 0;
   for (std::size_t r = 0; r < rows; ++r) {
     for (std::size_t c = 0; c < columns; ++c) {
-      const Complex found(static_cast<double>(spectrum.real(c)[r]), static_cast<double>(spectrum.imaginary(c)[r]));
-      worst = std::max(worst, std::abs(found - expected[r][c]));
+      worst = std::max(worst, std::abs(Complex(spectrum.at(r, c)) - expected[r][c]));
     }
   }
   EXPECT_LT(worst, 2e-6 * static_cast<double>(rows * columns));
 }
 
-TEST_P(FourierSizes, TheInverseReturnsTheImage) {
+// Every pixel of the result is a sum over all placements, which ends at the far side of the transform and begins again.
+TEST_P(FourierSizes, CorrelationsAreTheirSums) {
   const auto [rows, columns, image_rows, image_columns] = GetParam();
-  const ComplexImage image = random_image(image_rows, image_columns, 6);
   const FourierTransform transform(rows, columns);
-  ComplexImage spectrum = transform.forward(image);
-  const ComplexImage back = transform.inverse(spectrum, image_rows, image_columns);
-  const auto area = static_cast<float>(rows * columns);
+  constexpr std::size_t kPatternSide = 3;
+  std::vector<ComplexImage> images, patterns;
+  std::vector<Spectrum> ones, others;
+  for (const std::uint64_t seed : {6U, 7U}) {
+    images.push_back(random_image(image_rows, image_columns, seed));
+    patterns.push_back(random_image(kPatternSide, std::min(kPatternSide, columns), seed + 10));
+    ones.push_back(transform.forward(images.back()));
+    others.push_back(transform.forward(patterns.back()));
+  }
+  const ComplexImage found = transform.correlation(ones, others, image_rows, image_columns);
+  ASSERT_EQ(found.rows(), image_rows);
+  ASSERT_EQ(found.columns(), image_columns);
+  const auto number = [](const ComplexImage& image, std::size_t r, std::size_t c) {
+    if (r >= image.rows() || c >= image.columns()) return Complex();
+    return Complex(static_cast<double>(image.real(r)[c]), static_cast<double>(image.imaginary(r)[c]));
+  };
+  const auto area = static_cast<double>(rows * columns);
   for (std::size_t r = 0; r < image_rows; ++r) {
     for (std::size_t c = 0; c < image_columns; ++c) {
-      ASSERT_NEAR(back.real(r)[c] / area, image.real(r)[c], 1e-5);
-      ASSERT_NEAR(back.imaginary(r)[c] / area, image.imaginary(r)[c], 1e-5);
+      Complex expected;
+      for (std::size_t k = 0; k < images.size(); ++k) {
+        for (std::size_t y = 0; y < kPatternSide; ++y) {
+          for (std::size_t x = 0; x < kPatternSide; ++x) {
+            expected += number(images[k], (r + y) % rows, (c + x) % columns) * std::conj(number(patterns[k], y, x));
+          }
+        }
+      }
+      ASSERT_NEAR(std::abs(number(found, r, c) / area - expected), 0, 1e-4) << r << ", " << c;
     }
   }
 }
@@ -92,8 +113,10 @@ TEST(Fourier, LengthsFit) {
   EXPECT_EQ(FourierTransform::fitting_length(17), 32U);
   EXPECT_EQ(FourierTransform::fitting_length(33), 48U);
   EXPECT_EQ(FourierTransform::fitting_length(49), 64U);
-  EXPECT_EQ(FourierTransform::fitting_length(385), 512U);
+  EXPECT_EQ(FourierTransform::fitting_length(65), 80U);
+  EXPECT_EQ(FourierTransform::fitting_length(385), 400U);
   EXPECT_EQ(FourierTransform::fitting_length(512), 512U);
+  EXPECT_EQ(FourierTransform::fitting_length(513), 576U);
 }
 
 }  // namespace
