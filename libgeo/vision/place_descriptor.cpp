@@ -3,64 +3,101 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <opencv2/imgproc.hpp>
+#include <vector>
 
+#include "base/platform.hpp"
 #include "vision/oriented_channels.hpp"
 
 namespace nadir {
 namespace {
 
-// One row per cell: its weight for every pixel of a side.
-cv::Mat cell_weights(int pixels) {
-  cv::Mat weights(kPlaceCells, pixels, CV_32FC1);
+constexpr auto kCells = static_cast<std::size_t>(kPlaceCells);
+
+// What the pixels of a side weigh in a cell: from `first` on; the others nothing.
+struct CellWeights {
+  std::size_t first = 0;
+  std::vector<float> of_pixels;
+
+  float sum() const { return std::accumulate(of_pixels.begin(), of_pixels.end(), 0.0F); }
+};
+
+std::vector<CellWeights> cell_weights(int pixels) {
+  std::vector<CellWeights> cells(kCells);
   for (int cell = 0; cell < kPlaceCells; ++cell) {
+    CellWeights& weights = cells[static_cast<std::size_t>(cell)];
     for (int i = 0; i < pixels; ++i) {
       const double off = ((i + 0.5) * kPlaceCells / pixels - 0.5 - cell) / kCellSoftness;
       const double weight = std::exp(-0.5 * off * off);
-      weights.at<float>(cell, i) = weight < kMinCellWeight ? 0.0F : static_cast<float>(weight);
+      if (weight < kMinCellWeight) continue;
+      if (weights.of_pixels.empty()) weights.first = static_cast<std::size_t>(i);
+      weights.of_pixels.push_back(static_cast<float>(weight));
     }
   }
-  return weights;
+  return cells;
 }
 
-cv::Mat pooled(const cv::Mat& channel, const cv::Mat& weights, const cv::Mat& weights_t) {
-  return weights * channel * weights_t;
+NADIR_FOR_WIDE_REGISTERS void add_weighted(const float* row, float weight, std::size_t count, float* __restrict sums) {
+  for (std::size_t i = 0; i < count; ++i) sums[i] += weight * row[i];
+}
+
+// Weighted sums of an image's pixels for the cells, row by row, of each channel: first over the rows of the image, all
+// columns side by side, then over the columns.
+std::vector<float> pooled(const cv::Mat& image, const std::vector<CellWeights>& weights) {
+  const auto channels = static_cast<std::size_t>(image.channels());
+  const std::size_t line = static_cast<std::size_t>(image.cols) * channels;
+  std::vector<float> sums(line), cells;
+  for (const CellWeights& down : weights) {
+    std::fill(sums.begin(), sums.end(), 0.0F);
+    for (std::size_t i = 0; i < down.of_pixels.size(); ++i) {
+      add_weighted(image.ptr<float>(static_cast<int>(down.first + i)), down.of_pixels[i], line, sums.data());
+    }
+    for (const CellWeights& across : weights) {
+      for (std::size_t k = 0; k < channels; ++k) {
+        float sum = 0;
+        for (std::size_t i = 0; i < across.of_pixels.size(); ++i) {
+          sum += across.of_pixels[i] * sums[(across.first + i) * channels + k];
+        }
+        cells.push_back(sum);
+      }
+    }
+  }
+  return cells;
 }
 
 }  // namespace
 
 std::optional<RawPlaceDescriptor> describe_place(const PlacePatch& patch) {
   const Channels channels = oriented_channels(patch.grey, patch.mask, ChannelSet::six_orientations, {});
-  const cv::Mat weights = cell_weights(patch.grey.rows);
-  const cv::Mat weights_t = weights.t();
+  const std::vector<CellWeights> weights = cell_weights(patch.grey.rows);
   cv::Mat shown;
   channels.mask.convertTo(shown, CV_32F, 1.0 / 255);
-  const cv::Mat area = pooled(shown, weights, weights_t);
-  const cv::Mat whole = pooled(cv::Mat(shown.size(), CV_32FC1, cv::Scalar(1)), weights, weights_t);
-  const cv::Mat usable = area > kMinCellShare * whole;
-  const int cells = cv::countNonZero(usable);
-  if (cells < kPlaceCells * kPlaceCells / 4) return std::nullopt;
+  const std::vector<float> area = pooled(shown, weights);
+  std::vector<std::size_t> usable;  // cells
+  for (std::size_t i = 0; i < area.size(); ++i) {
+    const double whole =
+        static_cast<double>(weights[i / kCells].sum()) * static_cast<double>(weights[i % kCells].sum());
+    if (static_cast<double>(area[i]) > kMinCellShare * whole) usable.push_back(i);
+  }
+  if (usable.size() < kCells * kCells / 4) return std::nullopt;
 
   RawPlaceDescriptor descriptor{};
   double squared = 0;
-  const int pairs = kPlaceOrientations / 2;
-  for (int pair = 0; pair < pairs; ++pair) {
-    std::array<cv::Mat, 2> parts;
-    cv::split(channels.pairs[static_cast<std::size_t>(pair)], parts.data());
-    for (int half = 0; half < 2; ++half) {
-      cv::Mat values = pooled(parts[static_cast<std::size_t>(half)], weights, weights_t);
-      cv::divide(values, area, values);
-      const double mean = cv::mean(values, usable)[0];
-      const int orientation = pair + half * pairs;  // perpendicular ones share a pair
-      for (int row = 0; row < kPlaceCells; ++row) {
-        for (int column = 0; column < kPlaceCells; ++column) {
-          if (usable.at<std::uint8_t>(row, column) == 0) continue;
-          const double value = static_cast<double>(values.at<float>(row, column)) - mean;
-          const double rooted = std::copysign(std::sqrt(std::abs(value)), value);
-          const int index = (orientation * kPlaceCells + row) * kPlaceCells + column;
-          descriptor[static_cast<std::size_t>(index)] = static_cast<float>(rooted);
-          squared += rooted * rooted;
-        }
+  const std::size_t pairs = channels.pairs.size();
+  for (std::size_t pair = 0; pair < pairs; ++pair) {
+    const std::vector<float> sums = pooled(channels.pairs[pair], weights);
+    for (const std::size_t half : {std::size_t{0}, std::size_t{1}}) {
+      const auto value_of = [&](std::size_t cell) { return sums[2 * cell + half] / area[cell]; };
+      double mean = 0;
+      for (const std::size_t cell : usable) mean += static_cast<double>(value_of(cell));
+      mean /= static_cast<double>(usable.size());
+      const std::size_t orientation = pair + half * pairs;  // perpendicular ones share a pair
+      for (const std::size_t cell : usable) {
+        const double value = static_cast<double>(value_of(cell)) - mean;
+        const double rooted = std::copysign(std::sqrt(std::abs(value)), value);
+        descriptor[orientation * kCells * kCells + cell] = static_cast<float>(rooted);
+        squared += rooted * rooted;
       }
     }
   }
