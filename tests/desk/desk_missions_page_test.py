@@ -17,7 +17,7 @@ import unittest
 SCREENSHOTS = pathlib.Path(sys.argv[2]) if len(sys.argv) > 2 else None
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from desk_support import Desk, make_world  # noqa: E402
-from browser import Browser, find_axe, find_chromium  # noqa: E402
+from browser import Browser, Navigated, find_axe, find_chromium  # noqa: E402
 import support  # noqa: E402
 
 TEXT = "document.getElementById('{}').textContent"
@@ -89,13 +89,21 @@ class MissionsPage(support.EndToEnd):
               return [x, y, found.contains(document.elementFromPoint(x, y))];
             }})()""")
 
-        x, y, free = place()
-        for _ in range(100):
-            time.sleep(0.05)
-            before, (x, y, free) = (x, y), place()
-            if free and before == (x, y):
-                break
-        browser.mouse(("move", x, y), ("click", x, y))
+        for _ in range(5):  # what is loaded just now may move it under the pointer, as it would a person's
+            x, y, free = place()
+            for _ in range(100):
+                time.sleep(0.05)
+                before, (x, y, free) = (x, y), place()
+                if free and before == (x, y):
+                    break
+            browser.evaluate(f"window.missed = true; document.querySelector({json.dumps(selector)}).addEventListener('click', () => {{ window.missed = false; }}, {{ once: true, capture: true }})")
+            browser.mouse(("move", x, y), ("click", x, y))
+            try:
+                if not browser.evaluate("window.missed === true"):
+                    return
+            except Navigated:
+                return
+        raise AssertionError(f"{selector} is never where it was")
 
     def fill(self, browser, path, text):
         selector = f"#mission [data-path='{path}']"

@@ -99,6 +99,7 @@ const makeMissionLayers = ({ missionMap, state }) => {
     const { id, stored } = state(), mine = ++coverageAsked;
     const of = stored?.valid ? `${id} ${stored.revision} ${JSON.stringify(sources)}` : "";
     if (of === coverageOf) return;
+    byId("coverage-answer").textContent = of ? "Reading what the imagery covers …" : "";
     const found = of ? await getJson(`/v1/missions/${id}/layers/imagery`) : null;
     if (mine !== coverageAsked) return;
     coverageOf = of, coverage = found;
