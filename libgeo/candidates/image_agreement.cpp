@@ -2,8 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <functional>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 
 #include "geodesy/hypotenuse.hpp"
 
@@ -28,43 +29,36 @@ cv::Mat without_local_means(const cv::Mat& grey) {
   return values;
 }
 
-cv::Mat windowed_spectrum(const cv::Mat& values) {
-  thread_local cv::Mat window;
-  if (window.size() != values.size()) cv::createHanningWindow(window, values.size(), CV_32F);
-  cv::Mat windowed, spectrum;
-  cv::multiply(values, window, windowed);
-  cv::dft(windowed, spectrum, cv::DFT_COMPLEX_OUTPUT);
-  return spectrum;
+const FourierTransform& transform_of(const cv::Mat& values) {
+  const auto fitting = [](int side) { return FourierTransform::fitting_length(static_cast<std::size_t>(side)); };
+  const std::size_t rows = fitting(values.rows), columns = fitting(values.cols);
+  thread_local std::optional<FourierTransform> transform;
+  if (!transform || transform->rows() != rows || transform->columns() != columns) transform.emplace(rows, columns);
+  return *transform;
 }
 
-// The cross power spectrum, each frequency with weight 1. The right half follows from the left one and is never read.
-cv::Mat phase_correlation(const cv::Mat& one, const cv::Mat& other) {
-  constexpr float kTiny = std::numeric_limits<float>::epsilon();
-  cv::Mat phases(one.size(), CV_32FC2), correlation;
-  for (int row = 0; row < one.rows; ++row) {
-    const float* a = one.ptr<float>(row);
-    const float* b = other.ptr<float>(row);
-    float* phase = phases.ptr<float>(row);
-    for (int at = 0; at < 2 * (one.cols / 2 + 1); at += 2) {
-      const float real = a[at] * b[at] + a[at + 1] * b[at + 1], imaginary = a[at + 1] * b[at] - a[at] * b[at + 1];
-      const float power = real * real + imaginary * imaginary;
-      const float weight = std::sqrt(power) / (power + kTiny);
-      phase[at] = real * weight, phase[at + 1] = imaginary * weight;
-    }
+Spectrum windowed_spectrum(const cv::Mat& values) {
+  thread_local cv::Mat window;
+  if (window.size() != values.size()) cv::createHanningWindow(window, values.size(), CV_32F);
+  ComplexImage windowed(static_cast<std::size_t>(values.rows), static_cast<std::size_t>(values.cols));
+  windowed.clear();
+  for (int row = 0; row < values.rows; ++row) {
+    std::transform(values.ptr<float>(row), values.ptr<float>(row) + values.cols, window.ptr<float>(row),
+                   windowed.real(static_cast<std::size_t>(row)), std::multiplies<>());
   }
-  cv::dft(phases, correlation, cv::DFT_INVERSE | cv::DFT_REAL_OUTPUT);
-  return correlation;
+  return transform_of(values).forward(windowed);
 }
 
 // How far the second image lies right of and below the first one. NaN without a peak.
-cv::Point2d shift_from(const cv::Mat& correlation) {
-  const int columns = correlation.cols, rows = correlation.rows;
-  cv::Point peak;
-  cv::minMaxLoc(correlation, nullptr, nullptr, nullptr, &peak);
+cv::Point2d shift_from(const ComplexImage& correlation) {
+  const auto columns = static_cast<int>(correlation.columns()), rows = static_cast<int>(correlation.rows());
+  const float* values = correlation.real(0);
+  const auto largest = static_cast<int>(std::max_element(values, values + columns * rows) - values);
+  const cv::Point peak(largest % columns, largest / columns);
   double weight = 0, right = 0, down = 0;
   for (int y = -kPeakReach_px; y <= kPeakReach_px; ++y) {
     for (int x = -kPeakReach_px; x <= kPeakReach_px; ++x) {  // it goes on at the opposite edge
-      const double value = correlation.at<float>((peak.y + y + rows) % rows, (peak.x + x + columns) % columns);
+      const double value = double{values[(peak.y + y + rows) % rows * columns + (peak.x + x + columns) % columns]};
       weight += value, right += value * x, down += value * y;
     }
   }
@@ -114,7 +108,7 @@ FineStructure::FineStructure(const cv::Mat& grey)
     : values(without_local_means(grey)), spectrum(windowed_spectrum(values)) {}
 
 Agreement compare_images(const FineStructure& one, const FineStructure& other) {
-  const cv::Point2d shift = shift_from(phase_correlation(one.spectrum, other.spectrum));
+  const cv::Point2d shift = shift_from(transform_of(one.values).phase_correlation(one.spectrum, other.spectrum));
   if (!std::isfinite(shift.x) || !std::isfinite(shift.y)) return {};
   // No shift may be better than a false peak.
   const double there = coefficient_at(one.values, other.values, shift),

@@ -10,14 +10,16 @@
 
 #include <opencv2/core/mat.hpp>
 
+#include "imagery/fourier.hpp"
+
 namespace nadir {
 
 // What a comparison needs of an image. 780 KB for a tile.
 struct FineStructure {
   explicit FineStructure(const cv::Mat& grey);  // CV_8UC1
 
-  cv::Mat values;    // CV_32FC1: grey levels less their local means
-  cv::Mat spectrum;  // CV_32FC2: the Fourier transform of the values under a Hann window
+  cv::Mat values;     // CV_32FC1: grey levels less their local means
+  Spectrum spectrum;  // of the values under a Hann window
 };
 
 struct Agreement {

@@ -16,7 +16,7 @@
 #include <optional>
 #include <vector>
 
-#include "vision/fourier.hpp"
+#include "imagery/fourier.hpp"
 #include "vision/oriented_channels.hpp"
 #include "vision/quantized_channels.hpp"
 

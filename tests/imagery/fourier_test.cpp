@@ -1,7 +1,8 @@
-#include "vision/fourier.hpp"
+#include "imagery/fourier.hpp"
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <complex>
 #include <numbers>
@@ -106,6 +107,36 @@ TEST_P(FourierSizes, CorrelationsAreTheirSums) {
       ASSERT_NEAR(std::abs(number(found, r, c) / area - expected), 0, 1e-4) << r << ", " << c;
     }
   }
+}
+
+// The second image is the first one, moved: all frequencies agree on one place, as strongly as they can.
+TEST_P(FourierSizes, PhasesAgreeOnTheShift) {
+  const auto [rows, columns, image_rows, image_columns] = GetParam();
+  const FourierTransform transform(rows, columns);
+  const ComplexImage image = random_image(rows, columns, 8);
+  ComplexImage moved(rows, columns);
+  for (std::size_t r = 0; r < rows; ++r) {
+    for (std::size_t c = 0; c < columns; ++c) {
+      moved.real(r)[c] = 3 * image.real((r + 5) % rows)[(c + columns - 2) % columns];
+      moved.imaginary(r)[c] = 3 * image.imaginary((r + 5) % rows)[(c + columns - 2) % columns];
+    }
+  }
+  const ComplexImage found = transform.phase_correlation(transform.forward(image), transform.forward(moved));
+  const auto area = static_cast<float>(rows * columns);
+  for (std::size_t r = 0; r < rows; ++r) {
+    for (std::size_t c = 0; c < columns; ++c) {
+      ASSERT_NEAR(found.real(r)[c] / area, r == 5 && c == columns - 2 ? 1 : 0, 1e-4) << r << ", " << c;
+    }
+  }
+}
+
+// Of an image without structure: nothing, and no division by zero.
+TEST(Fourier, PhasesOfNothingAreNothing) {
+  const FourierTransform transform(16, 16);
+  ComplexImage even(16, 16);
+  even.clear();
+  const ComplexImage found = transform.phase_correlation(transform.forward(even), transform.forward(even));
+  EXPECT_EQ(*std::max_element(found.real(0), found.real(0) + 256), 0);
 }
 
 TEST(Fourier, LengthsFit) {

@@ -1,10 +1,11 @@
-#include "vision/fourier.hpp"
+#include "imagery/fourier.hpp"
 
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <numbers>
 
 #include "base/platform.hpp"
@@ -150,6 +151,19 @@ NADIR_FOR_WIDE_REGISTERS void multiply(const float* one, const float* other, std
   }
 }
 
+// Every number gets the magnitude 1; what is 0 stays so.
+NADIR_FOR_WIDE_REGISTERS void keep_phases(std::size_t places, float* lines) {
+  constexpr float kTiny = std::numeric_limits<float>::epsilon();
+  for (std::size_t i = 0; i < places; ++i, lines += kPlace) {
+    for (std::size_t q = 0; q < kBlock; ++q) {
+      const float power = lines[q] * lines[q] + lines[kBlock + q] * lines[kBlock + q];
+      const float factor = std::sqrt(power) / (power + kTiny);
+      lines[q] *= factor;
+      lines[kBlock + q] *= factor;
+    }
+  }
+}
+
 using FourFloats [[gnu::vector_size(16), gnu::aligned(4), gnu::may_alias]] = float;
 using FourIndices [[gnu::vector_size(16)]] = int;
 
@@ -268,19 +282,16 @@ Spectrum FourierTransform::forward(const ComplexImage& image) const {
   return spectrum;
 }
 
-// The inverse of a transform is the transform with both parts swapped before and after.
-ComplexImage FourierTransform::correlation(std::span<const Spectrum> ones, std::span<const Spectrum> others,
-                                           std::size_t out_rows, std::size_t out_columns) const {
+// The inverse of a transform is the transform with both parts swapped before and after. `lines` gives those of a block,
+// swapped.
+template <typename Lines>
+ComplexImage FourierTransform::inverse(std::size_t out_rows, std::size_t out_columns, const Lines& lines) const {
   const std::size_t used = (out_columns + kBlock - 1) / kBlock * kBlock;
-  const std::size_t block = columns() * kPlace;
   const auto half_way = std::make_unique_for_overwrite<float[]>(used * rows() * 2);
-  Scratch products(columns()), horizontal_scratch(columns());
+  Scratch block(columns()), horizontal_scratch(columns());
   for (std::size_t r = 0; r < rows(); r += kBlock) {
-    for (std::size_t k = 0; k < ones.size(); ++k) {
-      const std::size_t at = r / kBlock * block;
-      multiply(ones[k].values_.get() + at, others[k].values_.get() + at, columns(), k > 0, products.values());
-    }
-    const float* result = horizontal_scratch.transform(horizontal_, products.values());
+    lines(r * columns() * 2, block.values());
+    const float* result = horizontal_scratch.transform(horizontal_, block.values());
     for (std::size_t c = 0; c < used; c += kBlock) {
       transpose_tile(result + c * kPlace, half_way.get() + (c / kBlock * rows() + r) * kPlace);
     }
@@ -296,6 +307,22 @@ ComplexImage FourierTransform::correlation(std::span<const Spectrum> ones, std::
     }
   }
   return image;
+}
+
+ComplexImage FourierTransform::correlation(std::span<const Spectrum> ones, std::span<const Spectrum> others,
+                                           std::size_t out_rows, std::size_t out_columns) const {
+  return inverse(out_rows, out_columns, [&](std::size_t at, float* lines) {
+    for (std::size_t k = 0; k < ones.size(); ++k) {
+      multiply(ones[k].values_.get() + at, others[k].values_.get() + at, columns(), k > 0, lines);
+    }
+  });
+}
+
+ComplexImage FourierTransform::phase_correlation(const Spectrum& one, const Spectrum& other) const {
+  return inverse(rows(), columns(), [&](std::size_t at, float* lines) {
+    multiply(one.values_.get() + at, other.values_.get() + at, columns(), false, lines);
+    keep_phases(columns(), lines);
+  });
 }
 
 std::size_t FourierTransform::fitting_length(std::size_t least) {

@@ -1,4 +1,4 @@
-// Discrete Fourier transforms of complex images in single precision, for correlation over many placements.
+// Discrete Fourier transforms of complex images in single precision, for correlations of images.
 //
 // Stockham's steps of radix 8, 4, 3 and 5 over blocks of sixteen lines that stay in the nearest caches; each lane of a
 // register is one line, so the bits are the same whatever the width of the registers. What goes from one direction to
@@ -81,11 +81,17 @@ class FourierTransform {
   // divided by rows() times columns().
   ComplexImage correlation(std::span<const Spectrum> ones, std::span<const Spectrum> others, std::size_t rows,
                            std::size_t columns) const;
+  // The correlation of two images in which every frequency counts the same (Kuglin and Hines 1975): of rows() times
+  // columns().
+  ComplexImage phase_correlation(const Spectrum& one, const Spectrum& other) const;
 
   // The length of at least `least` that is transformed with the least work.
   static std::size_t fitting_length(std::size_t least);
 
  private:
+  template <typename Lines>
+  ComplexImage inverse(std::size_t rows, std::size_t columns, const Lines& lines) const;
+
   FourierSteps vertical_, horizontal_;
 };
 
