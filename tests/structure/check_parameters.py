@@ -40,6 +40,19 @@ def stray_literals(path):
                 yield number, match.group(0)
 
 
+def unwrapped(value):
+    """Without the braces around all of it."""
+    while value.startswith("{") and value.endswith("}"):
+        depth, inside = 0, True
+        for letter in value[:-1]:
+            depth += (letter == "{") - (letter == "}")
+            inside = inside and depth > 0
+        if not inside:
+            break
+        value = value[1:-1].strip()
+    return value
+
+
 def declarations(value):
     """"kA = 1, kB = 2" as (name, value) pairs; commas within braces and parentheses do not part."""
     parts, depth, start = [], 0, 0
@@ -53,7 +66,7 @@ def declarations(value):
     for part in parts:
         match = re.match(r"\s*(\w+)\s*=?\s*(.*)", part, re.DOTALL)
         if match:
-            yield match.group(1), match.group(2).strip().strip("{}") if match.group(2).startswith("{") else match.group(2).strip()
+            yield match.group(1), unwrapped(match.group(2).strip())
 
 
 def joined(lines):
@@ -72,6 +85,7 @@ def joined(lines):
 def read_table(text):
     """[(section, [(name, value, origin)])]. The origin is the comment behind the number and below it, or else the one above it."""
     sections = [("", [])]
+    rows = around = sections[0][1]  # of the section that is read, and of the one around a struct
     above, rows_above = [], False
     for line in joined(text.splitlines()):
         heading = re.match(r"\s*// ---- (.*)", line)
@@ -79,26 +93,30 @@ def read_table(text):
         if heading or named:
             title = heading.group(1) if heading else named.group(1)
             if title not in ("nadir", "parameters"):
-                sections.append((title, []))
-            if heading:
-                above = []
+                rows = []
+                sections.append((title, rows))
+            if heading or line.lstrip().startswith("namespace"):
+                above, around = [], rows
+            continue
+        if line.startswith("};"):
+            rows, above, rows_above = around, [], False
             continue
         comment = re.match(r"\s*// ?(.*)", line)
         number = NUMBER.match(line)
         if number:
             origin = number.group(2) or " ".join(above)
             for name, value in declarations(number.group(1)):
-                sections[-1][1].append((name, value, origin))
+                rows.append((name, value, origin))
             rows_above = True
-        elif comment and rows_above and sections[-1][1] and len(line) - len(line.lstrip()) > 20:
-            name, value, origin = sections[-1][1][-1]
-            sections[-1][1][-1] = (name, value, f"{origin} {comment.group(1)}")
+        elif comment and rows_above and rows and len(line) - len(line.lstrip()) > 20:
+            name, value, origin = rows[-1]
+            rows[-1] = (name, value, f"{origin} {comment.group(1)}")
         elif comment:
             above = above + [comment.group(1)] if not rows_above else [comment.group(1)]
             rows_above = False
         elif not line.strip():
             above, rows_above = [], False
-    return [(title, rows) for title, rows in sections if rows]
+    return [(title, found) for title, found in sections if found]
 
 
 def page(sections):

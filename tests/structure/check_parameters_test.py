@@ -27,6 +27,7 @@ struct GateLimits {
   double clear_ratio = 0.45;  // below: hardly any other place is possible;
                               // [roc]
 };
+inline constexpr std::array<Round, 2> kRounds{{{8, 3.5}, {6, 2.5}}};  // chosen
 
 }  // namespace nadir
 """
@@ -63,11 +64,19 @@ class Parameters(unittest.TestCase):
         self.assertEqual(("2.5", "Two of a kind: [roc]."), rows["kTwo_m"])
         self.assertEqual(("0.45", "below: hardly any other place is possible; [roc]"), rows["clear_ratio"])
 
+    def test_a_struct_ends_where_it_ends(self):
+        names = {title: [name for name, _, _ in found] for title, found in check_parameters.read_table(TABLE)}
+        self.assertEqual({"correlation": ["kShare", "kDark", "kBright", "kOne_m", "kTwo_m", "kRounds"], "GateLimits": ["clear_ratio"]}, names)
+
+    def test_braces_stay_in_pairs(self):
+        rows = dict((name, value) for _, found in check_parameters.read_table(TABLE) for name, value, _ in found)
+        self.assertEqual("{8, 3.5}, {6, 2.5}", rows["kRounds"])
+
     def test_a_number_that_is_not_read_is_no_secret(self):
-        table = TABLE.replace("struct GateLimits", "inline constexpr Rounds kRounds{{8, 6, 3.5}};  // chosen\n\nstruct GateLimits")
+        table = TABLE.replace("struct GateLimits", "inline constexpr Rounds kOthers{{8, 6, 3.5}};  // chosen\n\nstruct GateLimits")
         first, _, output, _ = self.run_on({check_parameters.TABLE: table}, "--write")
         self.assertEqual(1, first)
-        self.assertIn("kRounds is not read", output)
+        self.assertIn("kOthers is not read", output)
 
     def test_the_page_follows_the_table(self):
         first, again, _, page = self.run_on({check_parameters.TABLE: TABLE}, "--write")
