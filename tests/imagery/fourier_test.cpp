@@ -7,6 +7,7 @@
 #include <complex>
 #include <numbers>
 
+#include "base/digest.hpp"
 #include "base/random.hpp"
 
 namespace nadir {
@@ -137,6 +138,29 @@ TEST(Fourier, PhasesOfNothingAreNothing) {
   even.clear();
   const ComplexImage found = transform.phase_correlation(transform.forward(even), transform.forward(even));
   EXPECT_EQ(*std::max_element(found.real(0), found.real(0) + 256), 0);
+}
+
+// Whatever the processor, the width of its registers and the compiler's options: recordings are replayed bit for bit.
+TEST(Fourier, BitsAreTheSameEverywhere) {
+  Random random(9);
+  const auto image = [&random](std::size_t rows, std::size_t columns) {
+    ComplexImage result(rows, columns);
+    float* values = result.real(0);
+    std::generate_n(values, 2 * rows * columns, [&] { return static_cast<float>(random.uniform(-1, 1)); });
+    return result;
+  };
+  Bytes bytes;
+  const auto keep = [&bytes](const ComplexImage& result) {
+    const auto* begin = reinterpret_cast<const std::uint8_t*>(result.real(0));
+    bytes.insert(bytes.end(), begin, begin + 2 * result.rows() * result.columns() * sizeof(float));
+  };
+  for (const auto& [rows, columns] : {std::pair<std::size_t, std::size_t>{48, 80}, {144, 160}, {400, 512}}) {
+    const FourierTransform transform(rows, columns);
+    const Spectrum one = transform.forward(image(rows, columns)), other = transform.forward(image(rows / 2, 33));
+    keep(transform.correlation({&one, 1}, {&other, 1}, rows / 2, columns - 7));
+    keep(transform.phase_correlation(one, other));
+  }
+  EXPECT_EQ(sha256(bytes).hex(), "32a7543656cba0eb735d19b26f4786e68624c9025fc173e9c432ffa4e4ef709d");
 }
 
 TEST(Fourier, LengthsFit) {
