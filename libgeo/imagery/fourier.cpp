@@ -14,8 +14,8 @@ namespace nadir {
 namespace {
 
 constexpr std::size_t kBlock = FourierSteps::kLines;
-constexpr std::size_t kPlace =
-    2 * kBlock;  // sixteen real parts, then sixteen imaginary ones: of one place in the lines
+// A place in sixteen lines: the real parts of its numbers, then the imaginary ones.
+constexpr std::size_t kPlace = 2 * kBlock;
 
 struct Number {
   float real, imaginary;
@@ -78,13 +78,13 @@ using Numbers = std::array<Number, kRadix>;
 
 // y[R p + j] = w^(p j) Σ_k x[p + m k] exp(-2πi j k / R) for each part p of m, over `apart` places side by side.
 template <std::size_t kRadix>
-[[gnu::always_inline]] inline void all_parts(const FourierSteps::Step& step, const float* x, float* y) {
-  const std::size_t from = step.parts * step.apart * kPlace, to = step.apart * kPlace;
-  const float* turns = step.turns.data();
-  for (std::size_t p = 0; p < step.parts; ++p, turns += 2 * kRadix, y += (kRadix - 1) * to) {
+[[gnu::always_inline]] inline void all_parts(const float* turns, std::size_t parts, std::size_t apart, const float* x,
+                                             float* y) {
+  const std::size_t from = parts * apart * kPlace, to = apart * kPlace;
+  for (std::size_t p = 0; p < parts; ++p, turns += 2 * kRadix, y += (kRadix - 1) * to) {
     Numbers<kRadix> w;
     for (std::size_t j = 0; j < kRadix; ++j) w[j] = {turns[2 * j], turns[2 * j + 1]};
-    for (std::size_t s = 0; s < step.apart; ++s, x += kPlace, y += kPlace) {
+    for (std::size_t s = 0; s < apart; ++s, x += kPlace, y += kPlace) {
 #pragma GCC ivdep
       for (std::size_t q = 0; q < kBlock; ++q) {
         Numbers<kRadix> in;
@@ -203,11 +203,12 @@ ComplexImage::ComplexImage(std::size_t rows, std::size_t columns)
 void ComplexImage::clear() { std::fill_n(values_.get(), 2 * rows_ * columns_, 0.0F); }
 
 NADIR_FOR_WIDE_REGISTERS void FourierSteps::run(const Step& step, const float* x, float* y) {
+  const float* turns = step.turns.data();
   switch (step.radix) {
-    case 3: return all_parts<3>(step, x, y);
-    case 4: return all_parts<4>(step, x, y);
-    case 5: return all_parts<5>(step, x, y);
-    default: return all_parts<8>(step, x, y);
+    case 3: return all_parts<3>(turns, step.parts, step.apart, x, y);
+    case 4: return all_parts<4>(turns, step.parts, step.apart, x, y);
+    case 5: return all_parts<5>(turns, step.parts, step.apart, x, y);
+    default: return all_parts<8>(turns, step.parts, step.apart, x, y);
   }
 }
 

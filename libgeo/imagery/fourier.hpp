@@ -1,8 +1,8 @@
 // Discrete Fourier transforms of complex images in single precision, for correlations of images.
 //
-// Stockham's steps of radix 8, 4, 3 and 5 over blocks of sixteen lines that stay in the nearest caches; each lane of a
-// register is one line, so the bits are the same whatever the width of the registers. What goes from one direction to
-// the other lies in memory block by block, in the order in which it is read.
+// Stockham's steps of radix 8, 4, 3 and 5 (Van Loan 1992, §1.7) over blocks of sixteen lines that stay in the nearest
+// caches; each lane of a register is one line, so the bits are the same whatever the width of the registers. What goes
+// from one direction to the other lies in memory block by block, in the order in which it is read.
 #pragma once
 
 #include <complex>
@@ -42,13 +42,13 @@ class FourierSteps {
   // lies in the other block.
   bool transform(float* block, float* other) const;
 
+ private:
   struct Step {
     std::size_t radix = 4, parts = 1, apart = 1;
     std::vector<float> turns;  // real and imaginary of 1, w, w², … for each part
   };
   static void run(const Step& step, const float* x, float* y);
 
- private:
   std::size_t length_;
   std::vector<Step> steps_;
 };
