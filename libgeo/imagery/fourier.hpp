@@ -1,6 +1,6 @@
 // Discrete Fourier transforms of complex images in single precision, for correlations of images.
 //
-// Stockham's steps of radix 8, 4, 3 and 5 (Van Loan 1992, §1.7) over blocks of sixteen lines that stay in the nearest
+// Stockham's steps of radix 8, 4, 3 and 5 (Van Loan 1992) over blocks of sixteen lines that stay in the nearest
 // caches; each lane of a register is one line, so the bits are the same whatever the width of the registers. What goes
 // from one direction to the other lies in memory block by block, in the order in which it is read.
 #pragma once
