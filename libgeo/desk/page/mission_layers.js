@@ -95,15 +95,16 @@ const makeMissionLayers = ({ missionMap, state }) => {
     const ofReason = Object.keys(coverageStyle).map((reason) => [reason, features.reduce((sum, { properties }) => sum + (properties.reason === reason ? properties.area_m2 : 0), 0)]);
     return `Of ${(needed_m2 / 1e6).toFixed(2)} km²: ` + ofReason.filter(([, area]) => area > 0).map(([reason, area]) => `${reason} on ${(area / 1e6).toFixed(2)} km² (${percent(area / needed_m2)})`).join(", ") + ".";
   };
+  const sayCoverage = () => { byId("coverage-answer").textContent = coverage && sources.length > 0 ? coverageText(coverage) : ""; };
   const showCoverage = async () => {
     const { id, stored } = state(), mine = ++coverageAsked;
     const of = stored?.valid ? `${id} ${stored.revision} ${JSON.stringify(sources)}` : "";
-    if (of === coverageOf) return;
+    if (of === coverageOf) return sayCoverage();  // what is being read is of a mission that is no longer so
     byId("coverage-answer").textContent = of ? "Reading what the imagery covers …" : "";
     const found = of ? await getJson(`/v1/missions/${id}/layers/imagery`) : null;
     if (mine !== coverageAsked) return;
     coverageOf = of, coverage = found;
-    byId("coverage-answer").textContent = !found ? "" : sources.length === 0 ? "" : coverageText(found);
+    sayCoverage();
     drawCoverage();
   };
   byId("layer-coverage").addEventListener("change", drawCoverage);
