@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <opencv2/imgproc.hpp>
 #include <optional>
 
@@ -29,6 +28,11 @@ cv::Mat without_local_means(const cv::Mat& grey) {
   return values;
 }
 
+// The same memory.
+cv::Mat real_part(ComplexImage& image) {
+  return {static_cast<int>(image.rows()), static_cast<int>(image.columns()), CV_32FC1, image.real(0)};
+}
+
 const FourierTransform& transform_of(const cv::Mat& values) {
   const auto fitting = [](int side) { return FourierTransform::fitting_length(static_cast<std::size_t>(side)); };
   const std::size_t rows = fitting(values.rows), columns = fitting(values.cols);
@@ -42,23 +46,19 @@ Spectrum windowed_spectrum(const cv::Mat& values) {
   if (window.size() != values.size()) cv::createHanningWindow(window, values.size(), CV_32F);
   ComplexImage windowed(static_cast<std::size_t>(values.rows), static_cast<std::size_t>(values.cols));
   windowed.clear();
-  for (int row = 0; row < values.rows; ++row) {
-    std::transform(values.ptr<float>(row), values.ptr<float>(row) + values.cols, window.ptr<float>(row),
-                   windowed.real(static_cast<std::size_t>(row)), std::multiplies<>());
-  }
+  cv::multiply(values, window, real_part(windowed));
   return transform_of(values).forward(windowed);
 }
 
 // How far the second image lies right of and below the first one. NaN without a peak.
-cv::Point2d shift_from(const ComplexImage& correlation) {
-  const auto columns = static_cast<int>(correlation.columns()), rows = static_cast<int>(correlation.rows());
-  const float* values = correlation.real(0);
-  const auto largest = static_cast<int>(std::max_element(values, values + columns * rows) - values);
-  const cv::Point peak(largest % columns, largest / columns);
+cv::Point2d shift_from(const cv::Mat& correlation) {
+  const int columns = correlation.cols, rows = correlation.rows;
+  cv::Point peak;
+  cv::minMaxLoc(correlation, nullptr, nullptr, nullptr, &peak);
   double weight = 0, right = 0, down = 0;
   for (int y = -kPeakReach_px; y <= kPeakReach_px; ++y) {
     for (int x = -kPeakReach_px; x <= kPeakReach_px; ++x) {  // it goes on at the opposite edge
-      const double value = double{values[(peak.y + y + rows) % rows * columns + (peak.x + x + columns) % columns]};
+      const double value = correlation.at<float>((peak.y + y + rows) % rows, (peak.x + x + columns) % columns);
       weight += value, right += value * x, down += value * y;
     }
   }
@@ -108,7 +108,8 @@ FineStructure::FineStructure(const cv::Mat& grey)
     : values(without_local_means(grey)), spectrum(windowed_spectrum(values)) {}
 
 Agreement compare_images(const FineStructure& one, const FineStructure& other) {
-  const cv::Point2d shift = shift_from(transform_of(one.values).phase_correlation(one.spectrum, other.spectrum));
+  ComplexImage correlation = transform_of(one.values).phase_correlation(one.spectrum, other.spectrum);
+  const cv::Point2d shift = shift_from(real_part(correlation));
   if (!std::isfinite(shift.x) || !std::isfinite(shift.y)) return {};
   // No shift may be better than a false peak.
   const double there = coefficient_at(one.values, other.values, shift),

@@ -195,6 +195,17 @@ void transpose_tile(const float* from, float* to) {
   }
 }
 
+// The steps of a length; nothing where it has other factors. Eights as far as fours take the rest.
+std::vector<std::size_t> radices_of(std::size_t length) {
+  std::vector<std::size_t> radices;
+  for (const std::size_t odd : {std::size_t{5}, std::size_t{3}}) {
+    for (; length % odd == 0; length /= odd) radices.push_back(odd);
+  }
+  for (; length > 1 && std::bit_width(length) % 3 != 1 && length % 4 == 0; length /= 4) radices.push_back(4);
+  for (; length % 8 == 0; length /= 8) radices.push_back(8);
+  return length == 1 ? radices : std::vector<std::size_t>();
+}
+
 }  // namespace
 
 ComplexImage::ComplexImage(std::size_t rows, std::size_t columns)
@@ -211,21 +222,6 @@ NADIR_FOR_WIDE_REGISTERS void FourierSteps::run(const Step& step, const float* x
     default: return all_parts<8>(turns, step.parts, step.apart, x, y);
   }
 }
-
-namespace {
-
-// The steps of a length; nothing where it has other factors. Eights as far as fours take the rest.
-std::vector<std::size_t> radices_of(std::size_t length) {
-  std::vector<std::size_t> radices;
-  for (const std::size_t odd : {std::size_t{5}, std::size_t{3}}) {
-    for (; length % odd == 0; length /= odd) radices.push_back(odd);
-  }
-  for (; length > 1 && std::bit_width(length) % 3 != 1 && length % 4 == 0; length /= 4) radices.push_back(4);
-  for (; length % 8 == 0; length /= 8) radices.push_back(8);
-  return length == 1 ? radices : std::vector<std::size_t>();
-}
-
-}  // namespace
 
 FourierSteps::FourierSteps(std::size_t length) : length_(length) {
   std::size_t left = length, apart = 1;

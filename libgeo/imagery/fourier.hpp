@@ -77,8 +77,8 @@ class FourierTransform {
 
   // The spectrum of an image of at most rows() times columns(), filled up with zeros.
   Spectrum forward(const ComplexImage& image) const;
-  // The upper left part of the image whose spectrum is Σ_k ones[k] · conj(others[k]): the sum of the correlations, not
-  // divided by rows() times columns().
+  // The upper left part of the image whose spectrum is Σ_k ones[k] · conj(others[k]), of at least one pair: the sum of
+  // the correlations, not divided by rows() times columns().
   ComplexImage correlation(std::span<const Spectrum> ones, std::span<const Spectrum> others, std::size_t rows,
                            std::size_t columns) const;
   // The correlation of two images in which every frequency counts the same (Kuglin and Hines 1975): of rows() times

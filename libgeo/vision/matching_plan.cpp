@@ -42,7 +42,7 @@ MapWindow at_gsd(const MapWindow& map, double gsd_m) {
                       static_cast<int>(std::lround(map.image.rows * factor)));
   MapWindow scaled = map;
   scaled.image = area_resized(map.image, size);
-  if (cv::countNonZero(map.mask) == map.mask.size().area()) {
+  if (cv::countNonZero(map.mask) == map.mask.size().area()) {  // most windows are all map
     scaled.mask = cv::Mat(size, CV_8UC1, cv::Scalar(255));
   } else {
     scaled.mask = area_resized(map.mask, size);
