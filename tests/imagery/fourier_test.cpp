@@ -74,6 +74,23 @@ TEST_P(FourierSizes, EqualsTheDefinition) {
   EXPECT_LT(worst, 2e-6 * static_cast<double>(rows * columns));
 }
 
+TEST_P(FourierSizes, CorrelatedWithOnePixelItIsTheImage) {
+  const auto [rows, columns, image_rows, image_columns] = GetParam();
+  const ComplexImage image = random_image(image_rows, image_columns, 6);
+  const FourierTransform transform(rows, columns);
+  ComplexImage pixel(1, 1);
+  *pixel.real(0) = 1, *pixel.imaginary(0) = 0;
+  const Spectrum one = transform.forward(image), other = transform.forward(pixel);
+  const ComplexImage back = transform.correlation({&one, 1}, {&other, 1}, image_rows, image_columns);
+  const auto area = static_cast<float>(rows * columns);
+  for (std::size_t r = 0; r < image_rows; ++r) {
+    for (std::size_t c = 0; c < image_columns; ++c) {
+      ASSERT_NEAR(back.real(r)[c] / area, image.real(r)[c], 1e-5);
+      ASSERT_NEAR(back.imaginary(r)[c] / area, image.imaginary(r)[c], 1e-5);
+    }
+  }
+}
+
 // Every pixel of the result is a sum over all placements, which ends at the far side of the transform and begins again.
 TEST_P(FourierSizes, CorrelationsAreTheirSums) {
   const auto [rows, columns, image_rows, image_columns] = GetParam();
@@ -83,7 +100,7 @@ TEST_P(FourierSizes, CorrelationsAreTheirSums) {
   std::vector<Spectrum> ones, others;
   for (const std::uint64_t seed : {6U, 7U}) {
     images.push_back(random_image(image_rows, image_columns, seed));
-    patterns.push_back(random_image(kPatternSide, std::min(kPatternSide, columns), seed + 10));
+    patterns.push_back(random_image(kPatternSide, kPatternSide, seed + 10));
     ones.push_back(transform.forward(images.back()));
     others.push_back(transform.forward(patterns.back()));
   }
