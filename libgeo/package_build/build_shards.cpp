@@ -56,19 +56,19 @@ struct OpenPlan {
 };
 
 // The files of the rasters that the metatiles read.
-std::vector<PinnedFile> files_near(const OpenPlan& open, MetatileSpan part) {
-  std::vector<PinnedFile> files;
+std::vector<PinnedLayer> layers_near(const OpenPlan& open, MetatileSpan part) {
+  std::vector<PinnedLayer> layers;
   for (std::size_t i = 0; i < open.plan.inputs.size(); ++i) {
     for (std::size_t item = part.first; item < part.last; ++item) {
       const TileKey& key = open.tiles.metatiles[item];
       const int side = kTileSize << (open.range.zoom - key.z);
       const cv::Rect pixels(static_cast<int>(key.x) * side, static_cast<int>(key.y) * side, side, side);
       if (!lies_near(open.plan.inputs[i], open.range.zoom, pixels)) continue;
-      files.insert(files.end(), open.plan.pins[i].begin(), open.plan.pins[i].end());
+      layers.push_back({open.plan.inputs[i].path, open.plan.pins[i]});
       break;
     }
   }
-  return files;
+  return layers;
 }
 
 [[noreturn]] void refuse_configuration(const fs::path& folder, std::string_view expected, std::string_view found) {
@@ -176,15 +176,15 @@ ShardReport build_shard(const ShardRequest& request, Progress& progress) {
     return report;
   }
 
-  const std::vector<PinnedFile> files = files_near(open, part);
-  require_unchanged(files, kPlanMade);
+  const std::vector<PinnedLayer> layers = layers_near(open, part);
+  for (const PinnedLayer& layer : layers) require_unchanged(layer, kPlanMade);
   StagingDirectory staging(report.folder, StagingDirectory::Leftovers::keep);
   staging.keep(true);  // whatever ends this run, the next one continues it
   if (staging.found_leftovers()) request.on_remark("continuing a shard that was interrupted");
   try {
     make_shard(open, staging.path(), report, progress);
-    require_unchanged(files, kPlanMade);  // until now
-    progress.advance(0);                  // the last point of interruption
+    for (const PinnedLayer& layer : layers) require_unchanged(layer, kPlanMade);  // until now
+    progress.advance(0);                                                          // the last point of interruption
     if (report.findings.has_errors()) {
       staging.keep(false);
     } else {
@@ -285,7 +285,7 @@ PackageReport merge_shards(const MergeRequest& request, Progress& progress) {
   package.roots = request.roots;
   package.now = request.now;
   for (const PinnedLayer& layer : open.plan.dem) {
-    require_unchanged(layer.files, kPlanMade);
+    require_unchanged(layer, kPlanMade);
     mount_objects(layer.files);
     package.dem.push_back(layer.path);
   }

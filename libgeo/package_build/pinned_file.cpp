@@ -89,4 +89,16 @@ void require_unchanged(std::span<const PinnedFile> files, const std::string& sin
   }
 }
 
+void require_unchanged(const PinnedLayer& layer, const std::string& since) {
+  require_unchanged(layer.files, since);
+  if (!layer.files.empty() && layer.files.front().object) return;
+  const std::vector<std::filesystem::path> now = files_of_raster(layer.path);
+  if (now.size() == layer.files.size()) return;  // each of them is there
+  throw UsageError({.what = "an input has changed since " + since,
+                    .where = layer.path.string(),
+                    .expected = fmt::format("{} files", layer.files.size()),
+                    .found = fmt::format("{} files", now.size()),
+                    .fix = "remove what was added, or make a new plan"});
+}
+
 }  // namespace nadir

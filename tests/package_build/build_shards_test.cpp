@@ -275,6 +275,36 @@ TEST_F(BuildShards, ImageryThatChangesAfterThePlanIsNoticed) {
   EXPECT_THAT(error_of([&] { shard("map.plan", "2/2"); }).fix, HasSubstr("same path"));
 }
 
+// A tile that was missing is no ground in the plan, and has no digest there.
+TEST_F(BuildShards, ATileThatComesAfterThePlanIsNoticed) {
+  for (const auto& [name, first] : {std::pair{"0.tif", 0}, std::pair{"1.tif", 500}}) {
+    test::RasterSpec half = spec_;
+    half.width = 500;
+    (*half.transform)[0] += first * 0.3;
+    test::write_raster(folder_ / name, half, [](int, int) -> std::array<int, 4> { return {90, 80, 70, 255}; });
+  }
+  const std::array<double, 6> at = spec_.transform.value();
+  folder_.write(
+      "tiles.json",
+      fmt::format(
+          R"({{"type": "Feature", "properties": {{"datetime": "2024-10-01T00:00:00Z", "gsd": 0.3, "nadir:ce90_m": 3,
+      "license": "unknown", "providers": [{{"name": "x"}}], "tiles:tile_matrix_sets": {{"one": {{"supportedCRS":
+      "http://www.opengis.net/def/crs/EPSG/0/32651", "tileMatrix": [{{"identifier": "0", "scaleDenominator": {},
+      "topLeftCorner": [{}, {}], "tileWidth": 500, "tileHeight": {}, "matrixWidth": 2, "matrixHeight": 1}}]}}}}}},
+      "asset_templates": {{"map": {{"href": "{{TileCol}}.tif"}}}}}})",
+          at[1] / 0.28e-3, at[0], at[3], spec_.height));
+  fs::rename(folder_ / "1.tif", folder_ / "later.tif");
+  PackageRequest request = wanted("unused");
+  request.key = nullptr;
+  request.imagery = {folder_ / "tiles.json"};
+  plan_shards(request, 1, folder_ / "tiles.plan", progress_);
+  fs::rename(folder_ / "later.tif", folder_ / "1.tif");
+  const ErrorText changed = error_of([&] { shard("tiles.plan", "1/1"); });
+  EXPECT_EQ(changed.what, "an input has changed since the plan was made");
+  EXPECT_EQ(changed.expected, "2 files");
+  EXPECT_EQ(changed.found, "3 files");
+}
+
 TEST_F(BuildShards, AShardReadsOnlyWhatLiesThere) {
   // Two halves of the map; a shard of the west does not need the file of the east.
   for (const auto& [name, first] : {std::pair{"map.west.tif", 0}, std::pair{"map.east.tif", 500}}) {
