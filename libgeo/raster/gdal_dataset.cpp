@@ -11,6 +11,8 @@
 #include "object_storage/object_address.hpp"
 #include "raster/gdal_drivers.hpp"
 #include "raster/pinned_files.hpp"
+#include "raster/stac.hpp"
+#include "raster/tiled_assets.hpp"
 #include "raster/zarr_raster.hpp"
 
 namespace nadir {
@@ -191,6 +193,7 @@ GdalHandle open_gdal_raster(const std::filesystem::path& path) {
                  .where = path.string(),
                  .fix = "check the path"});
   }
+  if (is_stac_name(path.string())) return open_tiled_assets(path);
   refuse_remote_raster(path);
   GdalHandle dataset(GDALDataset::Open(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR));
   if (!dataset) {
@@ -209,6 +212,7 @@ GdalHandle open_gdal_raster(const std::filesystem::path& path) {
 std::vector<std::filesystem::path> files_of_raster(const std::filesystem::path& path) {
   if (mounted_object(path) != nullptr) return {path};
   if (is_zarr(path)) return files_of_zarr(path);
+  if (is_stac_name(path.string())) return files_of_tiled_assets(path);
   const GdalHandle dataset = open_gdal_raster(path);
   return list_files(path, *dataset, kMaxVrtDepth);
 }

@@ -39,7 +39,7 @@ struct CloseGdal {
 };
 using GdalHandle = std::unique_ptr<GDALDataset, CloseGdal>;
 
-// Opens a raster file of any format, or a mounted object. Throws Error with GDAL's message, UsageError for other remote
+// Opens a raster file of any format, a Zarr folder, an item of tiled assets, or a mounted object. Throws Error with GDAL's message, UsageError for other remote
 // rasters.
 GdalHandle open_gdal_raster(const std::filesystem::path& path);
 

@@ -158,7 +158,7 @@ void register_gdal_drivers() {
   });
 }
 
-std::string readable_raster_formats() { return shown(kRasterFormats); }
+std::string readable_raster_formats() { return shown(kRasterFormats) + ", STAC tiled assets"; }
 std::string readable_vector_formats() { return shown(kVectorFormats); }
 
 GDALDriver& vector_writer(const std::string& driver, const fs::path& out) {

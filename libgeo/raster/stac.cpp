@@ -24,6 +24,7 @@ constexpr std::size_t kMaxDocuments = 100'000;                    // that one li
 constexpr int kMaxLinks = 4;                                      // from a catalogue down to an item
 constexpr std::string_view kSha256Multihash = "1220";             // SHA-256, 32 bytes
 constexpr const char* kFileExtension = "https://stac-extensions.github.io/file/v2.1.0/schema.json";
+constexpr const char* kTemplates = "asset_templates";  // of the tiled assets extension
 constexpr const char* kSee = "see docs/commands/cache-build.md for an example";
 
 bool is_text(const json& value, std::string_view text) { return value.is_string() && value.get<std::string>() == text; }
@@ -158,8 +159,11 @@ bool has_role(const json& asset, std::string_view role) {
          std::any_of(roles->begin(), roles->end(), [role](const json& one) { return is_text(one, role); });
 }
 
-// The key of the asset that is the imagery.
-std::string imagery_key(const JsonReader& assets) {
+}  // namespace
+
+bool StacAsset::tiled() const { return item.document().is_object() && item.document().contains(kTemplates); }
+
+std::string imagery_asset_key(const JsonReader& assets) {
   const std::vector<std::string> keys = assets.keys();
   for (const std::string_view role : {"visual", "data"}) {
     std::vector<std::string> with_role;
@@ -174,6 +178,8 @@ std::string imagery_key(const JsonReader& assets) {
   if (keys.size() == 1) return keys.front();
   assets.refuse("one asset, or one with the role visual or data");
 }
+
+namespace {
 
 class ListReader {
  public:
@@ -235,9 +241,21 @@ class ListReader {
       }
     }
     const StacItem stated(where, std::move(item));
+    if (stated.document().contains(kTemplates)) {
+      if (is_remote_name(document) || where != document) {
+        throw UsageError(
+            {.what = "these tiled assets cannot be read",
+             .where = where,
+             .expected = "an item that is a document of its own, on this machine, beside its tiles",
+             .found = where == document ? "one on a server" : "one item of several",
+             .fix = "copy it and its tiles to this machine, and name it, or link to it from a Collection"});
+      }
+      assets_.push_back({stated, {}, document});
+      return;
+    }
     const JsonReader in(stated.document(), {.name = where, .what = "this STAC Item names no imagery", .fix = kSee});
     const JsonReader assets = in.object("assets");
-    const std::string key = imagery_key(assets);
+    const std::string key = imagery_asset_key(assets);
     assets_.push_back(stated_asset(assets.object(key), stated, key, document));
   }
 

@@ -6,8 +6,9 @@
 // licence and providers is its Collection's.
 //
 // The imagery is the asset with the role "visual" or "data", or the only one; its href is a file on this machine,
-// relative to the document, or the URL of an object. STAC's file extension (file:size, file:checksum: a multihash)
-// states which bytes it is. For an object these are not enough, because a build reads parts of it: besides,
+// relative to the document, or the URL of an object. An item may name a template of tiles instead (tiled_assets.hpp);
+// it is a document of its own, and its imagery the document. STAC's file extension (file:size, file:checksum: a
+// multihash) states which bytes it is. For an object these are not enough, because a build reads parts of it: besides,
 // nadir:block_bytes and nadir:block_sha256 hold the digests of its blocks (object_storage/pinned_object.hpp).
 // `nadir cache pin` writes them.
 #pragma once
@@ -27,6 +28,8 @@
 #include "object_storage/pinned_object.hpp"
 
 namespace nadir {
+
+class JsonReader;
 
 std::filesystem::path stac_item_beside(const std::filesystem::path& raster);
 
@@ -64,6 +67,8 @@ struct StacAsset {
   std::optional<std::uint64_t> bytes{};
   std::optional<Sha256> sha256{};  // nothing when the checksum is of another kind
   std::optional<ObjectPin> pin{};  // of an object, when it is stated completely
+
+  bool tiled() const;  // many files; href is the item
 };
 
 bool is_stac_name(std::string_view path_or_url);  // ends in .json or .geojson
@@ -75,7 +80,11 @@ using ReadRemoteText = std::function<std::string(const ObjectAddress&)>;
 // may name nothing on this machine.
 std::vector<StacAsset> read_stac(const std::string& path_or_url, const ReadRemoteText& read_remote = {});
 
-// The assets as one ItemCollection, each item with this asset alone, and with the file extension's fields.
+// Which of an item's assets, or templates of tiles, is the imagery. Throws JsonError when that is not clear.
+std::string imagery_asset_key(const JsonReader& assets);
+
+// The assets, none of them tiled, as one ItemCollection, each item with this asset alone, and with the file extension's
+// fields.
 std::string stac_list_json(const std::vector<StacAsset>& assets);
 
 }  // namespace nadir

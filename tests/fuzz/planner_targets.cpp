@@ -14,6 +14,7 @@
 #include "package_build/matchability_survey.hpp"
 #include "package_build/metatile.hpp"
 #include "package_build/shard_plan.hpp"
+#include "raster/gdal_dataset.hpp"
 #include "raster/gdal_drivers.hpp"
 #include "raster/imagery_input.hpp"
 #include "raster/stac.hpp"
@@ -42,12 +43,28 @@ void stac_list(std::string_view bytes) {
   const std::string second = (scratch_folder() / "again.json").string();
   refusing([&] {
     const std::vector<StacAsset> assets = read_stac(first);
+    if (assets.front().tiled()) return;  // which no list can hold
     const std::string text = stac_list_json(assets);
     scratch_file("again.json", text);
     const std::vector<StacAsset> again = read_stac(second);
     require(again.size() == assets.size() && stac_list_json(again) == text, "a list changes when it is written");
     for (std::size_t i = 0; i < assets.size(); ++i) {
       require(again[i].href == assets[i].href && again[i].pin == assets[i].pin, "another object");
+    }
+  });
+}
+
+// What is accepted can be read from corner to corner, or says why not.
+void tiled_assets(std::string_view bytes) {
+  static const std::filesystem::path tile =
+      scratch_file("tile.png", as_text(encode_image(cv::Mat(4, 4, CV_8UC3, cv::Scalar(1, 2, 3)), ImageFormat::png)));
+  const std::filesystem::path item = scratch_file("tiles.json", bytes);
+  refusing([&] {
+    const GdalDataset dataset(item);
+    require(files_of_raster(item).size() > 1, "tiles without files");
+    const cv::Size size = dataset.size();
+    for (const cv::Point corner : {cv::Point(0, 0), cv::Point(size.width - 1, size.height - 1)}) {
+      refusing([&] { dataset.read({corner, cv::Size(1, 1)}, {1, 1}); });
     }
   });
 }

@@ -42,6 +42,7 @@ const std::vector<Target>& targets() {
                                        {"numpy_array", fuzz::numpy_array},
                                        {"stac_item", fuzz::stac_item},
                                        {"stac_list", fuzz::stac_list},
+                                       {"tiled_assets", fuzz::tiled_assets},
                                        {"kml", fuzz::kml},
                                        {"geojson", fuzz::geojson},
                                        {"plan", fuzz::plan},

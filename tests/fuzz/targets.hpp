@@ -24,6 +24,7 @@ void candidate_rows(std::string_view bytes);  // rows of a store of candidates, 
 
 void stac_item(std::string_view bytes);
 void stac_list(std::string_view bytes);  // of imagery, with pinned objects
+void tiled_assets(std::string_view bytes);  // an item of them, beside one tile
 void kml(std::string_view bytes);
 void geojson(std::string_view bytes);
 void plan(std::string_view bytes);       // of QGroundControl

@@ -17,7 +17,7 @@ from pmtiles.tile import Compression, TileType, zxy_to_tileid
 from pmtiles.writer import Writer
 
 from cadrg import Frame
-from tile_sets import ACROSS, TileSets, corners, gdal
+from tile_sets import ACROSS, HALF_WORLD_M, NORTH_ROW, PIXEL_M, TileSets, WEST_COLUMN, corners, gdal
 
 NADIR = sys.argv[1]
 FACTS = ["--captured", "2024-10-01", "--gsd-m", "0.9", "--provider", "surveyor", "--licence", "CC-BY-4.0", "--attribution", "© surveyor"]
@@ -153,6 +153,195 @@ class ImageryFormats(unittest.TestCase):
         pathlib.Path(lost).unlink()
         code, _, said, _ = self.build(vrt)
         self.assertEqual(2, code, said)
+
+    def tiled(self, name, tile_format="GTiff", ending="tif", side=512, source=None, change=lambda item: None, options=()):
+        """An item of STAC's tiled assets as its specification has it: tiles cut by GDAL, of 512 pixels in zoom 17's pixels, and the
+        document by hand, because no free program writes one. A finer tile matrix is planned and empty."""
+        folder = self.folder / name
+        across = ACROSS * 256 // side
+        column, row, corner = WEST_COLUMN * 256 // side, NORTH_ROW * 256 // side, [-HALF_WORLD_M, HALF_WORLD_M]
+        if across == 1:  # one tile is the picture
+            column, row, corner = 0, 0, corners()[:2]
+        tiles = self.folder / f"tiles-{ending}-{side}-{(source or self.sets.map).stem}{''.join(options)}"
+        for y in range(across if not tiles.exists() else 0):
+            for x in range(across):
+                tile = tiles / f"17/{row + y}/{column + x}.{ending}"
+                tile.parent.mkdir(parents=True, exist_ok=True)
+                gdal("gdal_translate", "-q", "-of", tile_format, "-srcwin", x * side, y * side, side, side, *options, "--config", "GDAL_PAM_ENABLED", "NO",
+                     source or self.sets.map, tile)
+        shutil.copytree(tiles, folder / "WebMercatorQuad")
+
+        def matrix(zoom):
+            return {"type": "TileMatrixType", "identifier": str(zoom), "scaleDenominator": PIXEL_M * 2**(17 - zoom) / 0.28e-3,
+                    "topLeftCorner": corner, "tileWidth": side, "tileHeight": side,
+                    "matrixWidth": 2**zoom * 256 // side, "matrixHeight": 2**zoom * 256 // side}
+        limits = {"min_tile_col": column, "max_tile_col": column + across - 1, "min_tile_row": row, "max_tile_row": row + across - 1}
+        finer = {key: 2 * value for key, value in limits.items()}
+        item = {"stac_version": "1.0.0", "stac_extensions": ["tiled-assets", "https://stac-extensions.github.io/tiled-assets/v1.0.0/schema.json"], "type": "Feature",
+                "id": name, "geometry": None, "links": [], "assets": {},
+                "properties": {"datetime": "2024-10-01T00:00:00Z",
+                               "tiles:tile_matrix_links": {"WebMercatorQuad": {"url": "#WebMercatorQuad", "limits": {"17": limits, "18": finer}}},
+                               "tiles:tile_matrix_sets": {"WebMercatorQuad": {"type": "TileMatrixSetType", "identifier": "WebMercatorQuad",
+                                                                              "supportedCRS": "http://www.opengis.net/def/crs/EPSG/0/3857",
+                                                                              "tileMatrix": [matrix(zoom) for zoom in (16, 17, 18)]}}},
+                "asset_templates": {"map": {"href": "./{TileMatrixSet}/{TileMatrix}/{TileRow}/{TileCol}." + ending, "type": "image/tiff; application=geotiff"}}}
+        change(item)
+        (folder / "item.json").write_text(json.dumps(item))
+        return folder / "item.json"
+
+    def a_tile_of(self, item):
+        """In the middle of the picture, so that the mission needs it."""
+        return sorted(item.parent.glob("WebMercatorQuad/17/*/*"))[4]
+
+    def test_tiled_assets(self):
+        expected = self.imagery_of(self.build(self.sets.map)[3])["merkle_root"]
+
+        def as_version_2(item):
+            tiles = item["properties"]["tiles:tile_matrix_sets"]["WebMercatorQuad"]
+            tiles["crs"], tiles["tileMatrices"] = tiles.pop("supportedCRS"), tiles.pop("tileMatrix")
+            for one in tiles["tileMatrices"]:
+                one["id"], one["pointOfOrigin"] = one.pop("identifier"), one.pop("topLeftCorner")
+            item["properties"]["tiles:tile_matrix_set_links"] = item["properties"].pop("tiles:tile_matrix_links")
+        with_nodata = self.translated("tiled-nodata.tif", "-a_nodata", "0")
+        for name, how in (("tiff", {}), ("png", {"tile_format": "PNG", "ending": "png"}), ("quarter", {"side": 256}), ("second", {"change": as_version_2}),
+                          ("blocks", {"side": 1536, "options": ("-co", "TILED=YES")}), ("rows", {"side": 1536, "options": ("-co", "BLOCKYSIZE=100")}),
+                          ("nodata", {"source": with_nodata})):
+            with self.subTest(name):
+                code, _, said, package = self.build(self.tiled("tiled-" + name, **how))
+                self.assertEqual(0, code, said)
+                self.assertEqual(expected, self.imagery_of(package)["merkle_root"])
+
+    # Degrees, whose scale denominators count metres of the equator; GeoTIFFs call the same system EPSG:4326.
+    def test_tiled_assets_in_degrees(self):
+        degrees = self.folder / "tiled-degrees.tif"
+        west, south, east, north = 8.4925, 47.3945, 8.5035, 47.4025
+        step = 5e-6  # a tile has 550 x 400 of them
+        gdal("gdalwarp", "-q", "-t_srs", "EPSG:4326", "-te", west, south, east, north, "-tr", step, step, self.sets.map, degrees)
+        expected = self.build(degrees)
+        self.assertEqual(0, expected[0], expected[2])
+        folder = self.folder / "tiled-in-degrees"
+        folder.mkdir()
+        for y in range(4):
+            for x in range(4):
+                gdal("gdal_translate", "-q", "-srcwin", 550 * x, 400 * y, 550, 400, degrees, folder / f"{y}_{x}.tif")
+        grid = {"identifier": "all", "scaleDenominator": step * math.pi / 180 * 6378137 / 0.28e-3, "topLeftCorner": [west, north],
+                "tileWidth": 550, "tileHeight": 400, "matrixWidth": 4, "matrixHeight": 4}
+        item = {"type": "Feature", "properties": {"tiles:tile_matrix_sets": {"own": {"supportedCRS": "http://www.opengis.net/def/crs/OGC/1.3/CRS84",
+                                                                                     "tileMatrix": [grid]}}},
+                "asset_templates": {"map": {"href": "{TileRow}_{TileCol}.tif"}}}
+        (folder / "item.json").write_text(json.dumps(item))
+        code, _, said, package = self.build(folder / "item.json")
+        self.assertEqual(0, code, said)
+        self.assertEqual(self.imagery_of(expected[3])["merkle_root"], self.imagery_of(package)["merkle_root"])
+
+    # The document is made by this test: another reader must see the same picture in it. It wants all tiles of all tile matrices.
+    def test_tiled_assets_are_some_to_gdal(self):
+        def without_18(item):
+            item["properties"]["tiles:tile_matrix_links"]["WebMercatorQuad"]["limits"].pop("18")
+            sets = item["properties"]["tiles:tile_matrix_sets"]["WebMercatorQuad"]
+            sets["tileMatrix"] = [one for one in sets["tileMatrix"] if one["identifier"] == "17"]
+        item = self.tiled("tiled-judged", change=without_18)
+        checksums = [[band["checksum"] for band in json.loads(subprocess.run(["gdalinfo", "-json", "-checksum", raster], capture_output=True, check=True).stdout)["bands"]]
+                     for raster in (item, self.sets.map)]
+        self.assertEqual(checksums[1], checksums[0])
+
+    def test_a_collection_leads_to_tiled_assets(self):
+        item = self.tiled("tiled-linked")
+        collection = self.folder / "tiled-linked/collection.json"
+        collection.write_text(json.dumps({"type": "Collection", "license": "CC0-1.0", "links": [{"rel": "item", "href": "./item.json"}]}))
+        code, _, said, _ = self.build(collection)
+        self.assertEqual(0, code, said)
+        # Of several items in one document it would not be clear from where their tiles count.
+        listed = self.folder / "tiled-linked/list.json"
+        listed.write_text(json.dumps({"type": "FeatureCollection", "features": [json.loads(item.read_text())]}))
+        code, _, said, _ = self.build(listed)
+        self.assertEqual(2, code, said)
+        self.assertIn("a document of its own", said)
+        result = subprocess.run([NADIR, "cache", "pin", item], stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60)
+        self.assertEqual(2, result.returncode)
+        self.assertIn("tiled", result.stderr)
+
+    def test_tiles_that_are_missing_are_a_gap(self):
+        for name, how in (("lost-alpha", {}), ("lost-nodata", {"source": self.translated("lost-nodata.tif", "-a_nodata", "0")})):
+            with self.subTest(name):
+                item = self.tiled("tiled-" + name, **how)
+                self.a_tile_of(item).unlink()
+                code, result, said, _ = self.build(item)
+                self.assertEqual(1, code, said)
+                self.assertIn("coverage.gap", [finding["code"] for finding in result["findings"]])
+
+    def test_tiled_assets_that_are_damaged_or_others(self):
+        def spoiled(name, spoil=lambda item: None, **how):
+            item = self.tiled("tiled-" + name, **how)
+            spoil(item)
+            return item
+
+        def cut(item):
+            tile = self.a_tile_of(item)
+            tile.write_bytes(tile.read_bytes()[:tile.stat().st_size // 2])
+
+        def exchange(item):
+            tile = self.a_tile_of(item)
+            other = tile.with_stem(str(int(tile.stem) + 1))
+            kept = tile.read_bytes()
+            tile.write_bytes(other.read_bytes()), other.write_bytes(kept)
+
+        def smaller(item):
+            tile = self.a_tile_of(item)
+            gdal("gdal_translate", "-q", "-of", "GTiff", "-outsize", 256, 256, tile, tile.with_suffix(".small"))
+            tile.with_suffix(".small").rename(tile)
+
+        def grey(item):
+            tile = self.a_tile_of(item)
+            gdal("gdal_translate", "-q", "-of", "GTiff", "-b", 1, tile, tile.with_suffix(".grey"))
+            tile.with_suffix(".grey").rename(tile)
+
+        def vrt(item):
+            tile = self.a_tile_of(item)
+            tile.write_text('<VRTDataset rasterXSize="512" rasterYSize="512"><VRTRasterBand dataType="Byte" band="1"><SimpleSource><SourceFilename>'
+                            "/vsicurl/http://localhost/x.tif</SourceFilename></SimpleSource></VRTRasterBand></VRTDataset>")
+
+        def to(value, *path):
+            def change(item):
+                for key in path[:-1]:
+                    item = item[key]
+                item[path[-1]] = value
+            return change
+        sets, links = ("properties", "tiles:tile_matrix_sets", "WebMercatorQuad"), ("properties", "tiles:tile_matrix_links", "WebMercatorQuad")
+        href = ("asset_templates", "map", "href")
+        for name, mention, item in (
+                ("cut", ".tif", spoiled("cut", cut)),
+                ("exchanged", "by its own statement", spoiled("exchanged", exchange)),
+                ("smaller", "256 x 256", spoiled("smaller", smaller)),
+                ("grey", "not like the first tile", spoiled("grey", grey)),
+                ("vrt", ".tif", spoiled("vrt", vrt)),
+                ("sides", "as the tile matrix says", spoiled("sides", change=to(256, *sets, "tileMatrix", 1, "tileWidth"))),
+                ("latitude", "first axis points east", spoiled("latitude", change=to("http://www.opengis.net/def/crs/EPSG/0/4326", *sets, "supportedCRS"))),
+                ("nowhere", "supportedCRS", spoiled("nowhere", change=to("moon", *sets, "supportedCRS"))),
+                ("shifted", "by its own statement", spoiled("shifted", change=to([-HALF_WORLD_M + 100, HALF_WORLD_M], *sets, "tileMatrix", 1, "topLeftCorner"))),
+                ("remote", "files on this machine", spoiled("remote", change=to("https://example.org/{TileMatrix}/{TileRow}/{TileCol}.tif", *href))),
+                ("bands", "no other parameters", spoiled("bands", change=to("{TileMatrix}/{TileRow}/{TileCol}/{eo:bands}.tif", *href))),
+                ("untold", "{TileMatrix} in the template", spoiled("untold", change=to("{TileRow}/{TileCol}.tif", *href))),
+                ("empty", "tiles where the template says", spoiled("empty", change=to("elsewhere/{TileMatrix}/{TileRow}/{TileCol}.tif", *href))),
+                ("endless", "span at most", spoiled("endless", change=to({"url": "#WebMercatorQuad"}, *links))),
+                ("buffers", "do not overlap", spoiled("buffers", change=to({"17": {"top": 1}}, *links, "pixel_buffer"))),
+                ("setless", "tiles:tile_matrix_sets", spoiled("setless", change=lambda item: item["properties"].pop("tiles:tile_matrix_sets")))):
+            with self.subTest(name):
+                code, _, said, _ = self.build(item)
+                self.assertEqual(2, code, said)
+                self.assertIn("tiled-" + name, said)
+                self.assertIn(mention, said)
+
+    # What lies beside a tile is not among the files with digests, and counts for nothing.
+    def test_what_lies_beside_a_tile_is_not_read(self):
+        item = self.tiled("tiled-beside", tile_format="PNG", ending="png")
+        expected = self.imagery_of(self.build(item)[3])["merkle_root"]
+        tile = self.a_tile_of(item)
+        pathlib.Path(f"{tile}.aux.xml").write_text("<PAMDataset><PAMRasterBand band='1'><NoDataValue>77</NoDataValue></PAMRasterBand></PAMDataset>")
+        tile.with_suffix(".pgw").write_text("1\n0\n0\n-1\n0\n0\n")
+        code, _, said, package = self.build(item)
+        self.assertEqual(0, code, said)
+        self.assertEqual(expected, self.imagery_of(package)["merkle_root"])
 
     def zarr_of_gdal(self, name):
         folder = self.folder / name

@@ -143,6 +143,12 @@ void require_stated(const StacAsset& asset, std::uint64_t bytes, const Sha256& s
 }
 
 void pin(StacAsset& asset, Progress& progress) {
+  if (asset.tiled()) {
+    throw UsageError({.what = "tiled assets are not pinned",
+                      .where = asset.href,
+                      .expected = "rasters that are one file each",
+                      .fix = "name the item itself where imagery is named: its tiles are hashed there"});
+  }
   if (is_remote_name(asset.href)) {
     const ObjectPin pin = pin_object(*object_client(), parse_object_address(asset.href), progress);
     require_stated(asset, pin.bytes, pin.sha256);
