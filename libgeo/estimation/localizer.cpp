@@ -412,6 +412,7 @@ bool Localizer::Impl::update_with_odometry(const OdometryFrame& seen, OdometryRe
   FlightStep& step = steps.back();
   if (exceeds_reach(*filter, report.step_m, step.seconds, footprint_m())) return false;
   const RelativeMotionMeasurement measurement = measured_motion(*motion, seen);
+  if (is_chance_motion(*filter, measurement, motion->inliers)) return false;
   if (contradicts_inertial(*filter, measurement)) {
     if (++inertial_contradictions < parameters::inertial::kRefusedInARow) return false;
     inertial_contradictions = 0;
@@ -454,6 +455,7 @@ bool Localizer::Impl::update_over_outlier(const OdometryFrame& seen, OdometryRep
   const double step_m = motion->displacement_m.norm();
   if (exceeds_reach(bridged, step_m, outlier.seconds + step.seconds, footprint_m())) return false;
   const RelativeMotionMeasurement measurement = measured_motion(*motion, seen);
+  if (is_chance_motion(bridged, measurement, motion->inliers)) return false;
   if (contradicts_inertial(bridged, measurement)) return false;
   if (contradicts_turn(std::abs(wrap_pi(measurement.value[3])), seen.heading_sigma_rad)) return false;
   report.inliers = motion->inliers;

@@ -51,6 +51,10 @@ bool contradicts_turn(double turn_rad, double heading_sigma_rad) {
   return std::abs(turn_rad) > std::max(kContradictedTurn_rad, kContradictedTurnSigmas * heading_sigma_rad);
 }
 
+bool is_chance_motion(const FlightFilter& flight, const RelativeMotionMeasurement& measurement, int inliers) {
+  return inliers < kSureInliers && flight.motion_chi2(measurement) > kChanceMotion_chi2;
+}
+
 bool contradicts_inertial(const FlightFilter& flight, const RelativeMotionMeasurement& measurement) {
   return flight.inertial() && flight.motion_chi2(measurement) > parameters::inertial::kMotionGate_chi2;
 }

@@ -62,6 +62,10 @@ bool exceeds_reach(const FlightFilter& flight, double step_m, double seconds, do
 // its images. turn_rad: of the images beyond the telemetry.
 bool contradicts_turn(double turn_rad, double heading_sigma_rad);
 
+// A motion that few pairs of pixels agree on may be chance, where two frames show nothing or not the same ground: it
+// must agree with the prediction. inliers: OdometryStep's.
+bool is_chance_motion(const FlightFilter& flight, const RelativeMotionMeasurement& measurement, int inliers);
+
 // Where an inertial sensor predicts the motion: displacement and turn are beyond what both sides' noise explains.
 bool contradicts_inertial(const FlightFilter& flight, const RelativeMotionMeasurement& measurement);
 
