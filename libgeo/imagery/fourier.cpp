@@ -165,23 +165,20 @@ NADIR_FOR_WIDE_REGISTERS void keep_phases(std::size_t places, float* lines) {
 }
 
 using FourFloats [[gnu::vector_size(16), gnu::aligned(4), gnu::may_alias]] = float;
-using FourIndices [[gnu::vector_size(16)]] = int;
 
 // Four rows of four numbers each become four columns.
 void transpose_4(const float* from, std::size_t stride, float* to, std::size_t to_stride) {
   const auto row = [&](std::size_t r) { return *reinterpret_cast<const FourFloats*>(from + r * stride); };
   const FourFloats a = row(0), b = row(1), c = row(2), d = row(3);
-  const FourFloats ab = __builtin_shuffle(a, b, FourIndices{0, 4, 1, 5}),
-                   ab2 = __builtin_shuffle(a, b, FourIndices{2, 6, 3, 7});
-  const FourFloats cd = __builtin_shuffle(c, d, FourIndices{0, 4, 1, 5}),
-                   cd2 = __builtin_shuffle(c, d, FourIndices{2, 6, 3, 7});
+  const FourFloats ab = __builtin_shufflevector(a, b, 0, 4, 1, 5), ab2 = __builtin_shufflevector(a, b, 2, 6, 3, 7);
+  const FourFloats cd = __builtin_shufflevector(c, d, 0, 4, 1, 5), cd2 = __builtin_shufflevector(c, d, 2, 6, 3, 7);
   const auto store = [&](std::size_t r, FourFloats value) {
     *reinterpret_cast<FourFloats*>(to + r * to_stride) = value;
   };
-  store(0, __builtin_shuffle(ab, cd, FourIndices{0, 1, 4, 5}));
-  store(1, __builtin_shuffle(ab, cd, FourIndices{2, 3, 6, 7}));
-  store(2, __builtin_shuffle(ab2, cd2, FourIndices{0, 1, 4, 5}));
-  store(3, __builtin_shuffle(ab2, cd2, FourIndices{2, 3, 6, 7}));
+  store(0, __builtin_shufflevector(ab, cd, 0, 1, 4, 5));
+  store(1, __builtin_shufflevector(ab, cd, 2, 3, 6, 7));
+  store(2, __builtin_shufflevector(ab2, cd2, 0, 1, 4, 5));
+  store(3, __builtin_shufflevector(ab2, cd2, 2, 3, 6, 7));
 }
 
 // Sixteen places of sixteen lines become sixteen places of the other direction.
