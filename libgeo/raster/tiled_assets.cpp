@@ -384,7 +384,7 @@ GDALDataset* TiledDataset::opened(std::int64_t index) {
   return open_.front().second.get();
 }
 
-// 255 where any of the colours is valid.
+// Without nodata all bands have the same mask: the tile's own, or its alpha.
 CPLErr TiledDataset::read_validity(GDALDataset& tile, const cv::Rect& window, GDALDataType type, void* target) {
   return tile.GetRasterBand(1)->GetMaskBand()->RasterIO(GF_Read, window.x, window.y, window.width, window.height,
                                                         target, window.width, window.height, type, 0, 0, nullptr);
