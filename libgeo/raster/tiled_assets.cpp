@@ -220,12 +220,14 @@ struct TileLook {
   int width_px = 0, height_px = 0;
   std::vector<GDALDataType> types;  // of the bands that are no alpha
   std::optional<double> nodata;
+  bool palette = false;
 
   explicit TileLook(GDALDataset& tile) : width_px(tile.GetRasterXSize()), height_px(tile.GetRasterYSize()) {
     for (int band = 1; band <= tile.GetRasterCount(); ++band) {
       GDALRasterBand& one = *tile.GetRasterBand(band);
       if (one.GetColorInterpretation() == GCI_AlphaBand) continue;
       types.push_back(one.GetRasterDataType());
+      palette = palette || one.GetColorTable() != nullptr;
       int there = 0;
       const double value = one.GetNoDataValue(&there);
       if (there != 0 && !nodata) nodata = value;
@@ -235,8 +237,8 @@ struct TileLook {
   std::string text() const {
     std::vector<const char*> names;
     for (const GDALDataType type : types) names.push_back(GDALGetDataTypeName(type));
-    return fmt::format("{} x {} pixels of {}, {}", width_px, height_px, fmt::join(names, ", "),
-                       nodata ? fmt::format("nodata {}", *nodata) : "no nodata");
+    return fmt::format("{} x {} pixels of {}{}, {}", width_px, height_px, fmt::join(names, ", "),
+                       palette ? " with a palette" : "", nodata ? fmt::format("nodata {}", *nodata) : "no nodata");
   }
 };
 
@@ -430,8 +432,7 @@ GdalHandle open_tiled_assets(const fs::path& item) {
     refuse(fmt::format("{} x {} pixels, as the tile matrix says", matrix.tile_width_px, matrix.tile_height_px),
            look.text());
   }
-  if (first->GetRasterBand(1)->GetColorTable() != nullptr)
-    refuse("grey or colours", "a palette, which every tile may have of its own");
+  if (look.palette) refuse("grey or colours", "a palette, which every tile may have of its own");
   const std::int64_t index = tiles.first();
   auto dataset = std::make_unique<TiledDataset>(std::move(tiles), *first);
   dataset->SetDescription(item.c_str());

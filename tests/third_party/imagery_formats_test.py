@@ -296,6 +296,15 @@ class ImageryFormats(unittest.TestCase):
             gdal("gdal_translate", "-q", "-of", "GTiff", "-b", 1, tile, tile.with_suffix(".grey"))
             tile.with_suffix(".grey").rename(tile)
 
+        def with_palette(item):
+            tile = self.a_tile_of(item)
+            described = tile.with_suffix(".vrt")
+            gdal("gdal_translate", "-q", "-of", "VRT", tile, described)
+            table = "<ColorTable>" + "".join(f'<Entry c1="{i}" c2="{255 - i}" c3="0"/>' for i in range(256)) + "</ColorTable>"
+            described.write_text(described.read_text().replace("<ColorInterp>Gray</ColorInterp>", "<ColorInterp>Palette</ColorInterp>" + table))
+            gdal("gdal_translate", "-q", "-of", "GTiff", described, tile.with_suffix(".new"))
+            tile.with_suffix(".new").rename(tile)
+
         def vrt(item):
             tile = self.a_tile_of(item)
             tile.write_text('<VRTDataset rasterXSize="512" rasterYSize="512"><VRTRasterBand dataType="Byte" band="1"><SimpleSource><SourceFilename>'
@@ -314,6 +323,7 @@ class ImageryFormats(unittest.TestCase):
                 ("exchanged", "by its own statement", spoiled("exchanged", exchange)),
                 ("smaller", "256 x 256", spoiled("smaller", smaller)),
                 ("grey", "not like the first tile", spoiled("grey", grey)),
+                ("palette", "with a palette", spoiled("palette", with_palette, source=self.translated("tiled-grey.tif", "-b", "1", "-colorinterp", "gray"))),
                 ("vrt", ".tif", spoiled("vrt", vrt)),
                 ("sides", "as the tile matrix says", spoiled("sides", change=to(256, *sets, "tileMatrix", 1, "tileWidth"))),
                 ("latitude", "first axis points east", spoiled("latitude", change=to("http://www.opengis.net/def/crs/EPSG/0/4326", *sets, "supportedCRS"))),
