@@ -491,9 +491,9 @@ inline constexpr double kLeapSpeedSigmas = 4.5;    // a step beyond is no motion
 inline constexpr double kGusts_mps = 5;            // least σ of the speed for the same; chosen
 inline constexpr double kLeapSlackShare =
     0.1;  // of a footprint's longer side: what an unmodelled tilt looks like; chosen
-// A motion that fewer pairs of pixels agree on is chance one time in twelve, where frames hardly overlap, and is off by
-// 40 to 75 m then: of 74 such motions six were wrong, five of them beyond this (three degrees of freedom), and none of
-// the right ones; [navigability], 92 flights of seeds 201 to 208 and 1 000 701 to 1 000 722.
+// A motion that fewer pairs of pixels agree on is chance one time in nine, where frames hardly overlap, and 40 to 75 m
+// off the prediction then: of 54 such motions six were wrong, five of them beyond this (three degrees of freedom), and
+// none of the right ones; [navigability], 92 flights of seeds 201 to 208 and 1 000 701 to 1 000 722.
 inline constexpr int kSureInliers = 20;
 inline constexpr double kChanceMotion_chi2 = 6.25;
 inline constexpr double kContradictedTurn_rad = 0.5;  // image and telemetry disagree on a turn: 29°; chosen
