@@ -412,7 +412,6 @@ bool Localizer::Impl::update_with_odometry(const OdometryFrame& seen, OdometryRe
   FlightStep& step = steps.back();
   if (exceeds_reach(*filter, report.step_m, step.seconds, footprint_m())) return false;
   const RelativeMotionMeasurement measurement = measured_motion(*motion, seen);
-  if (is_chance_motion(*filter, measurement, motion->inliers)) return false;
   if (contradicts_inertial(*filter, measurement)) {
     if (++inertial_contradictions < parameters::inertial::kRefusedInARow) return false;
     inertial_contradictions = 0;
@@ -421,6 +420,7 @@ bool Localizer::Impl::update_with_odometry(const OdometryFrame& seen, OdometryRe
     return false;
   }
   inertial_contradictions = 0;
+  if (is_chance_motion(*filter, measurement, motion->inliers)) return false;
   const double turn_rad = std::abs(wrap_pi(measurement.value[3]));
   const bool contradicted = contradicts_turn(turn_rad, seen.heading_sigma_rad);
   if (contradicted) {

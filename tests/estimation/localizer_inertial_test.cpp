@@ -66,7 +66,7 @@ const std::vector<Moment>& inertial_flight() {
   return moments;
 }
 
-// The real front end; of one frame it says something else.
+// The real front end; of one frame, or of all (-1), it says something else.
 class MistakenOdometry final : public OdometryFrontEnd {
  public:
   // inliers: that agree on it; nothing: as many as there are.
@@ -74,7 +74,7 @@ class MistakenOdometry final : public OdometryFrontEnd {
       : frame_(frame), off_m_(std::move(off_m)), inliers_(inliers) {}
   std::optional<OdometryStep> track(const OdometryFrame& frame) override {
     auto step = real_->track(frame);
-    if (step && frames_ == frame_) {
+    if (step && (frame_ < 0 || frames_ == frame_)) {
       step->measurement.value.head<2>() += off_m_;
       step->inliers = inliers_.value_or(step->inliers);
     }
@@ -159,8 +159,8 @@ TEST(InertialFlight, DarkFramesAreCarried) {
   }
 }
 
-// Wired the wrong way round: it is the sensor that is refused after three frames, and σ says so meanwhile.
-TEST(InertialFlight, AWrongSensorDoesNotMislead) {
+// Wired the wrong way round.
+std::vector<Moment> with_wrong_sensor() {
   std::vector<Moment> moments = inertial_flight();
   for (Moment& moment : moments) {
     for (InertialSample& sample : moment.telemetry.inertial) {
@@ -168,6 +168,12 @@ TEST(InertialFlight, AWrongSensorDoesNotMislead) {
       sample.rate_rad_s = Vector3d(0.1, 0.2, -0.3);
     }
   }
+  return moments;
+}
+
+// It is the sensor that is refused after three frames, and σ says so meanwhile.
+TEST(InertialFlight, AWrongSensorDoesNotMislead) {
+  const std::vector<Moment> moments = with_wrong_sensor();
   const auto flown = fly(moments, config());
   const auto tracked = std::ranges::count_if(flown, [](const FrameReport& report) { return report.odometry.tracked; });
   EXPECT_GE(tracked, 2) << "of each beginning one";
@@ -175,6 +181,18 @@ TEST(InertialFlight, AWrongSensorDoesNotMislead) {
   for (std::size_t i = 0; i < flown.size(); ++i) {
     EXPECT_LT(off_m(flown[i].estimate, moments[i]), 4 * flown[i].estimate.sigma_m) << i;
     expect_sound(flown[i].estimate);
+  }
+}
+
+// Motions that few pixels agree on contradict it as others do: they are not all taken for chance.
+TEST(InertialFlight, AWrongSensorIsFoundOutByFewPixelsToo) {
+  const std::vector<Moment> moments = with_wrong_sensor();
+  constexpr int kFew = 14;
+  const auto flown = fly(moments, mistaken(-1, Vector2d::Zero(), kFew));
+  EXPECT_GT(flown[4].estimate.sigma_m, 3 * flown[3].estimate.sigma_m) << "after the third in a row";
+  for (std::size_t i = 0; i < flown.size(); ++i) {
+    if (!flown[i].estimate.position) continue;
+    EXPECT_LT(off_m(flown[i].estimate, moments[i]), 4 * flown[i].estimate.sigma_m) << i;
   }
 }
 
