@@ -7,6 +7,7 @@
 #include <system_error>
 
 #include "base/error.hpp"
+#include "base/plural.hpp"
 #include "raster/gdal_dataset.hpp"
 #include "raster/imagery_input.hpp"
 #include "raster/pinned_files.hpp"
@@ -96,8 +97,8 @@ void require_unchanged(const PinnedLayer& layer, const std::string& since) {
   if (now.size() == layer.files.size()) return;  // each of them is there
   throw UsageError({.what = "an input has changed since " + since,
                     .where = layer.path.string(),
-                    .expected = fmt::format("{} files", layer.files.size()),
-                    .found = fmt::format("{} files", now.size()),
+                    .expected = count(layer.files.size(), "file"),
+                    .found = count(now.size(), "file"),
                     .fix = "remove what was added, or make a new plan"});
 }
 

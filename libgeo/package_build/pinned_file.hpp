@@ -48,7 +48,7 @@ Sha256 digest_of(std::span<const PinnedFile> files);
 // Throws UsageError when one of them is missing or another. since: "the plan was made", for the message.
 void require_unchanged(std::span<const PinnedFile> files, const std::string& since);
 
-// Also when a file came to a raster of many (Zarr, tiled assets).
+// Also when a file came to it: to a raster of many (Zarr, tiled assets), or a mask beside one.
 void require_unchanged(const PinnedLayer& layer, const std::string& since);
 
 }  // namespace nadir

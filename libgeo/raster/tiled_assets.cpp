@@ -245,7 +245,7 @@ struct TileLook {
 GdalHandle open_tile(const fs::path& path) {
   static constexpr std::array kDrivers = {"GTiff", "JPEG",        "PNG",
                                           "WEBP",  "JP2OpenJPEG", static_cast<const char*>(nullptr)};
-  // World files and .aux.xml are not looked for: of the digests' files each is a tile.
+  // World files and .aux.xml are not looked for: whatever is read has a digest.
   static constexpr std::array kNothingBeside = {"", static_cast<const char*>(nullptr)};
   return GdalHandle(GDALDataset::Open(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR,
                                       kDrivers.data(), nullptr, kNothingBeside.data()));
@@ -441,6 +441,7 @@ GdalHandle open_tiled_assets(const fs::path& item) {
 }
 
 std::vector<fs::path> files_of_tiled_assets(const fs::path& item) {
+  const QuietGdal quiet;
   const TiledItem tiles(item);
   std::vector<fs::path> files{item};
   for (std::int64_t i = 0; i < tiles.matrix().tiles(); ++i) {
