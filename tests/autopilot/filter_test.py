@@ -56,6 +56,22 @@ class Filter(unittest.TestCase):
         self.assertAlmostEqual(place + 300, self.filter.position[0], delta=0.1)
         self.assertFalse(self.filter.fuse(self.t, sample(place), "other"))
 
+    def reasons(self):
+        return [reset[2] for reset in self.filter.resets]
+
+    def test_an_unsure_receiver_resets_it_until_it_is_sure(self):
+        self.fly(20)
+        place = self.filter.position[0]
+        for step in range(3):
+            self.assertTrue(self.filter.fuse(self.t, sample(place + 15, h_acc=18), "other"))
+        self.assertEqual(["another receiver"] + 2 * ["another receiver, still unsure"], self.reasons())
+        self.filter.fuse(self.t, sample(place + 15, h_acc=10), "other")  # from here on it is sure
+        self.filter.fuse(self.t, sample(place + 15, h_acc=10), "other")
+        self.assertEqual(4, len(self.filter.resets))
+        self.filter.pp = 400.0  # unsure by itself, not by who takes over
+        self.filter.fuse(self.t, sample(place + 15, h_acc=10), "other")
+        self.assertEqual("too unsure", self.reasons()[-1])
+
     def test_the_gate_is_five_sigmas(self):
         self.fly(30, h_acc=10)
         limit = 5 * math.sqrt(2 * (self.filter.pp + 100))

@@ -2,7 +2,8 @@
 
 From NavEKF3_PosVelFusion.cpp: a position passes while the innovation is within five standard deviations of filter and
 receiver together (EK3_POS_I_GATE, EK3_VEL_I_GATE); when none has passed for ten seconds, or the filter is less sure than
-EK3_GLITCH_RAD, it is *reset* to the receiver. So it is to another receiver that takes over, at once and without a gate.
+EK3_GLITCH_RAD, it is *reset* to the receiver. So it is to another receiver that takes over, at once and without a gate; where that one states more than the radius allows, the
+next fixes reset it as well, until it is surer.
 Between fixes it integrates accelerations; without any it holds the airspeed and the last known wind, as EKF3 does with an
 airspeed sensor. Both axes share one covariance.
 """
@@ -16,6 +17,7 @@ MIN_VELOCITY_NOISE = 0.3
 ACCELERATION_NOISE = 0.35
 WIND_NOISE = 1.5  # of the remembered wind
 ANOTHER = "another receiver"  # a reason for a reset
+STILL_ANOTHER = "another receiver, still unsure"
 
 
 class PositionFilter:
@@ -27,6 +29,7 @@ class PositionFilter:
         self.last_pass_s = None
         self.last_fusion_s = None
         self.source = None  # of the last sample that was let in
+        self._taking_over = False  # that source has done nothing but reset the filter yet
         self.ratio = 0.0  # of the last position innovation to its gate, squared
         self.accepted = 0
         self.rejected = {}
@@ -72,9 +75,16 @@ class PositionFilter:
         self.source = source
         self.accepted += 1
         if timed_out or unsure or changed:
-            reason = "out of the gate" if not passed else "ten seconds without" if timed_out else "too unsure"
-            self._reset(now_s, sample, source, ANOTHER if changed else reason, math.hypot(*innovation), r)
+            if changed:
+                reason = ANOTHER
+            elif unsure and self._taking_over:
+                reason = STILL_ANOTHER
+            else:
+                reason = "out of the gate" if not passed else "ten seconds without" if timed_out else "too unsure"
+            self._taking_over = reason in (ANOTHER, STILL_ANOTHER)
+            self._reset(now_s, sample, source, reason, math.hypot(*innovation), r)
             return True
+        self._taking_over = False
         self._update_position(innovation, r)
         if sample.velocity is not None:
             self._update_velocity(sample)

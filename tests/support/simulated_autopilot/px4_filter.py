@@ -15,12 +15,12 @@ airspeed and wind, as position_filter.py. Both axes share one covariance.
 """
 import math
 
-from .position_filter import ANOTHER, MIN_VELOCITY_NOISE, PositionFilter
+from .position_filter import ANOTHER, MIN_VELOCITY_NOISE, STILL_ANOTHER, PositionFilter
 
 RESET_TIMEOUT_S, NO_AID_TIMEOUT_S = 7.0, 1.0
 # Reasons of resets that a source is meant to cause, beside ANOTHER.
 STARTS, GNSS_STOPPED, ANNOUNCED = "starts", "GNSS stopped", "announced"
-BY_DESIGN = (ANOTHER, STARTS, GNSS_STOPPED, ANNOUNCED)
+BY_DESIGN = (ANOTHER, STILL_ANOTHER, STARTS, GNSS_STOPPED, ANNOUNCED)
 
 
 def timed_out(now_s, last_s, timeout_s):
