@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <ranges>
 
@@ -149,21 +150,36 @@ struct ReadParameter {
   std::uint8_t type = 0;
 };
 
-std::optional<ReadParameter> ask(AutopilotSession& session, const AutopilotIdentity& autopilot, const std::string& name,
-                                 const OutgoingMessage& request, std::optional<double> until) {
+// A parameter that not every version has: a link that just answered others answers this within a dozen requests.
+constexpr std::chrono::seconds kOptionalPatience(6);
+
+std::optional<ReadParameter> ask(
+    AutopilotSession& session, const AutopilotIdentity& autopilot, const std::string& name,
+    const OutgoingMessage& request, std::optional<double> until,
+    const std::function<bool()>& ended = [] { return false; }) {
   std::optional<ReadParameter> answer;
-  session.request(request, [&](const ReceivedMessage& message) {
-    const auto* value = std::get_if<ParameterValue>(&message.message);
-    if (value == nullptr || message.source != autopilot.address || value->name != name) return false;
-    answer = {value_of(*value, parameter_encoding(autopilot.type)), value->type};
-    return !until || answer->value == *until;
-  });
+  session.request(
+      request,
+      [&](const ReceivedMessage& message) {
+        const auto* value = std::get_if<ParameterValue>(&message.message);
+        if (value == nullptr || message.source != autopilot.address || value->name != name) return false;
+        answer = {value_of(*value, parameter_encoding(autopilot.type)), value->type};
+        return !until || answer->value == *until;
+      },
+      ended);
   return answer;
 }
 
 std::optional<ReadParameter> read(AutopilotSession& session, const AutopilotIdentity& autopilot,
                                   const std::string& name) {
   return ask(session, autopilot, name, ParameterRequest{autopilot.address, name}, {});
+}
+
+std::optional<ReadParameter> read_if_present(AutopilotSession& session, const AutopilotIdentity& autopilot,
+                                             const std::string& name) {
+  const auto until = std::chrono::steady_clock::now() + kOptionalPatience;
+  return ask(session, autopilot, name, ParameterRequest{autopilot.address, name}, {},
+             [until] { return std::chrono::steady_clock::now() >= until; });
 }
 
 // The value that the autopilot reports when it is asked again.
@@ -197,8 +213,10 @@ std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, const
                                                 int receiver) {
   std::vector<AutopilotParameter> parameters;
   for (AutopilotParameter one : wanted_parameters(autopilot, receiver)) {
-    const auto answer = read(session, autopilot, one.name);
-    if (!answer && one.bits != 0) continue;
+    const bool is_optional = one.bits != 0;  // a mask of sensors, which not every version has
+    const auto answer =
+        is_optional ? read_if_present(session, autopilot, one.name) : read(session, autopilot, one.name);
+    if (!answer && is_optional) continue;
     if (!answer) {
       throw Error(
           {.what = "the autopilot does not report a parameter",
