@@ -17,18 +17,18 @@ using namespace nadir::bench;
 
 namespace {
 
-int run(const RunOptions& options, SecondMatcherOptions second, const std::vector<std::uint64_t>& only, bool verbose,
-        const std::filesystem::path& plot) {
+int run(const RunOptions& options, SecondMatcherOptions second, FrameSpacing spacing,
+        const std::vector<std::uint64_t>& only, bool verbose, const std::filesystem::path& plot) {
   cv::setNumThreads(1);
   keep_freed_memory();
   const Segments segments(only.empty() && options.count == 0 ? 0 : options.worlds,  // none only to print a table
-                          options.seed, second.matcher());
+                          options.seed, spacing, second.matcher());
   std::function<void(const std::string&)> talk;
   if (verbose) talk = [](const std::string& text) { std::cout << text << std::flush; };
   std::map<std::uint64_t, Record> records;
   for (const std::uint64_t index : only) records[index] = segments.run(options.seed, index, talk);
   if (only.empty()) {
-    const std::string head = header(options.seed, options.worlds, second.name());
+    const std::string head = header(options.seed, options.worlds, spacing_name(spacing) + second.name());
     records = run_all<Record>(options, head, record_of, [&](std::uint64_t i) {
       std::string lines;  // of one segment together, whatever the other threads fly
       const Record record =
@@ -41,8 +41,9 @@ int run(const RunOptions& options, SecondMatcherOptions second, const std::vecto
   if (!plot.empty()) write_file_atomic(plot, stanford_svg("short flights under faults", all_levels(records)));
   std::cout << summary(records, options.seed) << "\n"
             << level_summary(records) << "\n"
-            << fmt::format("{} segments, base seed {}, {} worlds{}\n", records.size(), options.seed, options.worlds,
-                           second.name());
+            << motion_summary(records) << "\n"
+            << fmt::format("{} segments, base seed {}, {} worlds{}{}\n", records.size(), options.seed, options.worlds,
+                           spacing_name(spacing), second.name());
   return std::any_of(records.begin(), records.end(), [](const auto& r) { return r.second.violates(); }) ? 1 : 0;
 }
 
@@ -55,6 +56,8 @@ int main(int argc, char** argv) {
   options.add_to(app, "segments");
   SecondMatcherOptions second;
   second.add_to(app);
+  bool sparse = false;
+  app.add_flag("--sparse", sparse, "frames that share at most 40 % of their ground, and mostly less");
   std::vector<std::uint64_t> only;
   app.add_option("--only", only, "run the segments of these indices alone");
   bool verbose = false;
@@ -63,7 +66,7 @@ int main(int argc, char** argv) {
   app.add_option("--svg", plot, "draw the Stanford diagram into this file");
   CLI11_PARSE(app, argc, argv);
   try {
-    return run(options, second, only, verbose, plot);
+    return run(options, second, sparse ? FrameSpacing::sparse : FrameSpacing::usual, only, verbose, plot);
   } catch (const std::exception& error) {
     std::cerr << "safety: " << error.what() << "\n";
     return 2;

@@ -1,5 +1,6 @@
 #include "safety_flight.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <opencv2/imgproc.hpp>
@@ -7,25 +8,35 @@
 #include "geodesy/angles.hpp"
 #include "simulation/camera_sensor.hpp"
 #include "simulation/telemetry_noise.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir::bench {
 namespace {
 
 constexpr double kMiddle_m = 250;  // the path's middle lies so near to the world's
+// Of sparse ones: low and short, so that they stay over the world.
+constexpr double kSparseMiddle_m = 100, kSparseAgl_m = 150;
 
 PlanePoint offset(PlanePoint from, double distance_m, double direction_rad) {
   return {from.east_m + distance_m * std::sin(direction_rad), from.north_m + distance_m * std::cos(direction_rad)};
 }
 
-std::vector<FlightPose> path_of(Random random, std::uint64_t seed) {
+std::vector<FlightPose> path_of(Random random, std::uint64_t seed, FrameSpacing spacing) {
   FlightPathOptions options;
   options.agl_m = random.uniform(150, 260);
   options.speed_mps = random.uniform(12, 25);
   options.max_frames = random.integer(3, 6);
-  options.interval_s = random.uniform(20, 75) / options.speed_mps;
+  double step_m = random.uniform(20, 75), middle_m = kMiddle_m;
+  if (spacing == FrameSpacing::sparse) {
+    options.agl_m = kSparseAgl_m;
+    options.max_frames = std::min(options.max_frames, 4);
+    step_m = random.uniform(0.6, 1) * footprint_side_m(camera_file().camera, options.agl_m);
+    middle_m = kSparseMiddle_m;
+  }
+  options.interval_s = step_m / options.speed_mps;
   const double half_m = options.interval_s * options.speed_mps * (options.max_frames + 1) / 2;
   const double direction = random.uniform(-kPi, kPi), turn = random.chance(0.3) ? random.uniform(-2, 2) : 0;
-  const PlanePoint middle = {random.uniform(-kMiddle_m, kMiddle_m), random.uniform(-kMiddle_m, kMiddle_m)};
+  const PlanePoint middle = {random.uniform(-middle_m, middle_m), random.uniform(-middle_m, middle_m)};
   const PlanePath route = {offset(middle, -half_m, direction), middle, offset(middle, half_m, direction + turn)};
   return simulate_flight_path(route, GroundShape(), options, seed);
 }
@@ -136,7 +147,7 @@ void begin(Flight& flight, Random random) {
 }  // namespace
 
 Flight make_flight(std::uint64_t seed, const std::vector<std::unique_ptr<World>>& worlds,
-                   const Photographer& photographer) {
+                   const Photographer& photographer, FrameSpacing spacing) {
   const Random base(seed);
   Random draw = base.fork("condition"), light = base.fork("light"), faults = base.fork("faults");
   Flight flight;
@@ -147,7 +158,7 @@ Flight make_flight(std::uint64_t seed, const std::vector<std::unique_ptr<World>>
   const CameraFile file = camera_file();
   const CameraSensor sensor({file.camera.width, file.camera.height}, file.camera.fx, seed);
   TelemetryNoise noise(file.uncertainty, seed);
-  for (const FlightPose& pose : path_of(base.fork("path"), seed)) {
+  for (const FlightPose& pose : path_of(base.fork("path"), seed, spacing)) {
     Shot shot;
     shot.truth = {{pose.position.x(), pose.position.y()}, pose.agl_m, pose.attitude};
     shot.picture = photographer.photograph(world, shot.truth);
@@ -164,6 +175,8 @@ Flight make_flight(std::uint64_t seed, const std::vector<std::unique_ptr<World>>
   begin(flight, base.fork("start"));
   return flight;
 }
+
+std::string spacing_name(FrameSpacing spacing) { return spacing == FrameSpacing::sparse ? ", sparse" : ""; }
 
 LocalizerConfig config_of(const Flight& flight, const World& world) {
   LocalizerConfig config;

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "estimation/localizer.hpp"
@@ -31,8 +32,14 @@ struct Flight {
   std::optional<Border> border;  // beyond which the map is shifted; none: everywhere
 };
 
+enum class FrameSpacing {
+  usual,   // 20 to 75 m
+  sparse,  // 60 to 100 % of the footprint: frames that hardly overlap, or not at all
+};
+std::string spacing_name(FrameSpacing spacing);  // ", sparse", for headers
+
 Flight make_flight(std::uint64_t seed, const std::vector<std::unique_ptr<World>>& worlds,
-                   const Photographer& photographer);
+                   const Photographer& photographer, FrameSpacing spacing = FrameSpacing::usual);
 
 // A localizer's start on it.
 LocalizerConfig config_of(const Flight& flight, const World& world);

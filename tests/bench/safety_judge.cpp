@@ -3,16 +3,19 @@
 #include <fmt/format.h>
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 
 #include "safety_world.hpp"
+#include "vision/localizer_parameters.hpp"
 
 namespace nadir::bench {
 namespace {
 
 constexpr double kWrong_m = 50;
 constexpr double kFarSigmas = 3;
-constexpr double kChi2_50 = 1.386, kChi2_95 = 5.991;  // two degrees of freedom
+constexpr double kWrongMotion_m = 5, kWrongMotionShare = 0.25;  // heights are up to 15 % off
+constexpr double kChi2_50 = 1.386, kChi2_95 = 5.991;            // two degrees of freedom
 
 std::optional<Eigen::Vector2d> error_of(const Estimate& estimate, const CameraPose& truth) {
   if (!estimate.position) return std::nullopt;
@@ -58,6 +61,17 @@ void judge(const FrameReport& report, const CameraPose& truth, bool unknowable, 
     }
   }
   if (bad && unknowable) ++record.unknowable;
+}
+
+void judge_motion(const OdometryReport& odometry, const CameraPose& truth, std::span<const CameraPose> before,
+                  MotionCounts& motions) {
+  if (odometry.inliers == 0) return;
+  const bool wrong = std::ranges::all_of(before, [&](const CameraPose& from) {
+    const double step_m = (truth.position - from.position).norm();
+    return std::abs(odometry.step_m - step_m) > kWrongMotion_m + kWrongMotionShare * step_m;
+  });
+  ++motions
+        .numbers[MotionCounts::index(odometry.inliers < parameters::tracking::kSureInliers, odometry.tracked, wrong)];
 }
 
 std::string frame_line(std::size_t frame, const FrameReport& report, const CameraPose& truth) {

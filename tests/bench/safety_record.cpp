@@ -1,12 +1,15 @@
 #include "safety_record.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
+#include <numeric>
 #include <sstream>
 
 #include "base/error.hpp"
 #include "safety_conditions.hpp"
+#include "vision/localizer_parameters.hpp"
 
 namespace nadir::bench {
 namespace {
@@ -14,7 +17,7 @@ namespace {
 constexpr std::string_view kColumns =
     "index,condition,frames,attempts,accepted,wrong,anchored,misleading,unknowable,told,overconfident,in_50,in_95,nees,"
     "worst_sigmas,"
-    "worst_m,levels\n";
+    "worst_m,motions,levels\n";
 
 std::string share(int part, int whole) { return whole == 0 ? "-" : fmt::format("{:.1f}", 100.0 * part / whole); }
 
@@ -24,8 +27,34 @@ void add(Record& sum, const Record& r) {
   sum.anchored += r.anchored, sum.misleading += r.misleading, sum.unknowable += r.unknowable,
       sum.positioned += r.positioned, sum.overconfident += r.overconfident;
   sum.in_50 += r.in_50, sum.in_95 += r.in_95, sum.nees += r.nees;
+  for (std::size_t i = 0; i < r.motions.numbers.size(); ++i) sum.motions.numbers[i] += r.motions.numbers[i];
   sum.levels.insert(sum.levels.end(), r.levels.begin(), r.levels.end());
   sum.worst_sigmas = std::max(sum.worst_sigmas, r.worst_sigmas), sum.worst_m = std::max(sum.worst_m, r.worst_m);
+}
+
+// A sum for each condition, in the order of summary(); others, of which it knows nothing, as they came.
+std::vector<Record> sums_of(const std::map<std::uint64_t, Record>& records) {
+  std::vector<Record> sums;
+  for (const auto& [index, record] : records) {
+    auto sum = std::ranges::find(sums, record.condition, &Record::condition);
+    if (sum == sums.end()) {
+      sum = sums.emplace(sum);
+      sum->condition = record.condition;
+    }
+    add(*sum, record);
+  }
+  const auto rank = [](const Record& sum) {
+    return std::ranges::find(conditions(), sum.condition, &Condition::name) - conditions().begin();
+  };
+  std::ranges::stable_sort(sums, {}, rank);
+  return sums;
+}
+
+Record all_of(const std::vector<Record>& sums) {
+  Record all;
+  all.condition = "**all**";
+  for (const Record& sum : sums) add(all, sum);
+  return all;
 }
 
 std::string row(const Record& s) {
@@ -42,9 +71,10 @@ std::string header(std::uint64_t base_seed, int worlds, const std::string& secon
 }
 
 std::string line(const Record& r) {
-  return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{:.4f},{:.3f},{:.2f},{}\n", r.index, r.condition, r.frames,
-                     r.attempts, r.accepted, r.wrong, r.anchored, r.misleading, r.unknowable, r.positioned,
-                     r.overconfident, r.in_50, r.in_95, r.nees, r.worst_sigmas, r.worst_m, levels_text(r.levels));
+  return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{:.4f},{:.3f},{:.2f},{},{}\n", r.index, r.condition,
+                     r.frames, r.attempts, r.accepted, r.wrong, r.anchored, r.misleading, r.unknowable, r.positioned,
+                     r.overconfident, r.in_50, r.in_95, r.nees, r.worst_sigmas, r.worst_m,
+                     fmt::join(r.motions.numbers, " "), levels_text(r.levels));
 }
 
 Record record_of(const std::string& text) {
@@ -59,6 +89,9 @@ Record record_of(const std::string& text) {
   }
   in >> r.nees >> comma >> r.worst_sigmas >> comma >> r.worst_m >> comma;
   if (!in || comma != ',') throw Error({.what = "a line of results cannot be read", .found = text});
+  for (int& number : r.motions.numbers) in >> number;
+  in >> comma;
+  if (!in || comma != ',') throw Error({.what = "the motions of a line of results cannot be read", .found = text});
   std::string levels;
   std::getline(in, levels, ',');
   r.levels = levels_of(levels);
@@ -72,24 +105,32 @@ std::vector<LeveledError> all_levels(const std::map<std::uint64_t, Record>& reco
 }
 
 std::string level_summary(const std::map<std::uint64_t, Record>& records) {
-  std::vector<Record> sums;
-  Record all;
-  for (const auto& [index, record] : records) {
-    auto sum = std::find_if(sums.begin(), sums.end(), [&](const Record& s) { return s.condition == record.condition; });
-    if (sum == sums.end()) {
-      sum = sums.emplace(sum);
-      sum->condition = record.condition;
-    }
-    add(*sum, record), add(all, record);
-  }
-  // As summary() has them; others, of which it knows nothing, as they came.
-  const auto rank = [](const Record& sum) {
-    return std::ranges::find(conditions(), sum.condition, &Condition::name) - conditions().begin();
-  };
-  std::ranges::stable_sort(sums, {}, rank);
+  const std::vector<Record> sums = sums_of(records);
   std::string text = level_table_head();
   for (const Record& sum : sums) text += level_row(sum.condition, level_figures(sum.positioned, sum.levels));
-  return text + level_row("**all**", level_figures(all.positioned, all.levels));
+  const Record all = all_of(sums);
+  return text + level_row(all.condition, level_figures(all.positioned, all.levels));
+}
+
+std::string motion_summary(const std::map<std::uint64_t, Record>& records) {
+  std::string text = fmt::format(
+      "| condition | motions | of {0} inliers or more: used right | wrong | refused right | wrong | of fewer than {0}: "
+      "used right | wrong | refused right | wrong |\n|---|---|---|---|---|---|---|---|---|---|\n",
+      parameters::tracking::kSureInliers);
+  std::vector<Record> sums = sums_of(records);
+  sums.push_back(all_of(sums));
+  for (const Record& sum : sums) {
+    const auto& numbers = sum.motions.numbers;
+    text += fmt::format("| {} | {} |", sum.condition, std::accumulate(numbers.begin(), numbers.end(), 0));
+    for (const bool few : {false, true}) {
+      for (const bool used : {true, false}) {
+        for (const bool wrong : {false, true})
+          text += fmt::format(" {} |", numbers[MotionCounts::index(few, used, wrong)]);
+      }
+    }
+    text += "\n";
+  }
+  return text;
 }
 
 std::string summary(const std::map<std::uint64_t, Record>& records, std::uint64_t base_seed) {

@@ -1,6 +1,7 @@
 // The result of one segment as a line of CSV, and of all segments as a table.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <map>
 #include <string>
@@ -9,6 +10,14 @@
 #include "stanford.hpp"
 
 namespace nadir::bench {
+
+// Motions that odometry measured from frame to frame, used or refused, against the truth.
+struct MotionCounts {
+  std::array<int, 8> numbers{};
+  static std::size_t index(bool few_inliers, bool used, bool wrong) {
+    return (few_inliers ? 4U : 0U) + (used ? 2U : 0U) + (wrong ? 1U : 0U);
+  }
+};
 
 struct Record {
   std::uint64_t index = 0;
@@ -27,6 +36,7 @@ struct Record {
   double nees = 0;          // sum over the anchored frames
   double worst_sigmas = 0;  // largest error of an anchored frame
   double worst_m = 0;
+  MotionCounts motions;
   std::vector<LeveledError> levels;  // of the positions that have a protection level
 
   bool violates() const { return wrong > 0 || misleading > 0; }
@@ -40,6 +50,8 @@ Record record_of(const std::string& line);  // throws Error when it is none
 
 // Protection levels by condition, and all of them: for a Stanford diagram.
 std::string level_summary(const std::map<std::uint64_t, Record>& records);
+// Wrong motions by condition: how many are used, how many refused.
+std::string motion_summary(const std::map<std::uint64_t, Record>& records);
 std::vector<LeveledError> all_levels(const std::map<std::uint64_t, Record>& records);
 
 // A table by condition, and beneath it every violation with its index.

@@ -24,8 +24,11 @@ bool start_tells(const Flight& flight) {
 
 }  // namespace
 
-Segments::Segments(int worlds, std::uint64_t base_seed, MapMatcherFactory matcher)
-    : photographer_(camera_file().camera), worlds_(worlds, first_world_of(base_seed)), matcher_(std::move(matcher)) {}
+Segments::Segments(int worlds, std::uint64_t base_seed, FrameSpacing spacing, MapMatcherFactory matcher)
+    : photographer_(camera_file().camera),
+      worlds_(worlds, first_world_of(base_seed)),
+      spacing_(spacing),
+      matcher_(std::move(matcher)) {}
 
 const TileSource& Segments::tiles_of(const Flight& flight) const {
   switch (flight.condition->fault) {
@@ -38,7 +41,8 @@ const TileSource& Segments::tiles_of(const Flight& flight) const {
 
 Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
                      const std::function<void(const std::string&)>& talk) const {
-  const Flight flight = make_flight(hash_of(base_seed, static_cast<std::int64_t>(index)), worlds_.all, photographer_);
+  const Flight flight =
+      make_flight(hash_of(base_seed, static_cast<std::int64_t>(index)), worlds_.all, photographer_, spacing_);
   const World& world = *worlds_.all[flight.world];
   const TileSource& right = tiles_of(flight);
   const PictureTiles shifted(world.satellite, {.shift = flight.shift});
@@ -53,6 +57,7 @@ Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
   record.index = index;
   record.condition = flight.condition->name;
   bool unknowable = false;
+  std::vector<CameraPose> before;  // of the last two frames, the last one first
   if (talk) {
     talk(fmt::format("segment {}: {}, seed {}, world {}, start {}\n", index, record.condition, flight.seed,
                      flight.world, flight.start ? fmt::format("within {:.0f} m", flight.start_sigma_m) : "unknown"));
@@ -63,6 +68,9 @@ Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
     if (shot.shifted && unanchored && !start_tells(flight)) unknowable = true;  // before anything was known
     const FrameReport report = localizer.process(shot.picture, shot.telemetry);
     judge(report, shot.truth, unknowable, record);
+    judge_motion(report.odometry, shot.truth, before, record.motions);
+    before.insert(before.begin(), shot.truth);
+    before.resize(std::min<std::size_t>(before.size(), 2));
     if (talk) talk(frame_line(i, report, shot.truth));
   }
   return record;

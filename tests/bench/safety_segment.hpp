@@ -12,7 +12,7 @@ namespace nadir::bench {
 class Segments {
  public:
   // Makes the worlds, which takes some seconds each: those of the base seed.
-  Segments(int worlds, std::uint64_t base_seed, MapMatcherFactory matcher);
+  Segments(int worlds, std::uint64_t base_seed, FrameSpacing spacing, MapMatcherFactory matcher);
 
   // The same record for the same seeds, whatever was run before; may be called by several threads. talk: given a line
   // for every frame.
@@ -23,6 +23,7 @@ class Segments {
 
   Photographer photographer_;
   Worlds worlds_;
+  FrameSpacing spacing_;
   MapMatcherFactory matcher_;
 };
 
