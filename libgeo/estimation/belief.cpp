@@ -90,6 +90,14 @@ void PlaceBelief::propagate(double seconds) {
   track_.hidden *= 1 - lost;
   elsewhere_.visible += moved / 2;
   elsewhere_.hidden += moved / 2;
+  for (Place& place : places_) {
+    if (place.motion_spread == 0) continue;
+    const double before_s = std::exchange(place.seconds, place.seconds + std::abs(seconds));
+    place.moved_m = place.velocity_mps * std::abs(seconds);
+    place.grown_by_m2 = place.velocity_variance * (place.seconds * place.seconds - before_s * before_s);
+    place.offset_m += place.moved_m;
+    place.covariance_m2 += place.grown_by_m2 * Eigen::Matrix2d::Identity();
+  }
 }
 
 void PlaceBelief::on_hint(const PlaceHint& hint, const TrackPrediction& track) {
@@ -129,6 +137,35 @@ void PlaceBelief::on_odometry(const Eigen::Vector2d& by_m, const Eigen::Matrix2d
   move_track(by_m, covariance_m2, covariance_m2);
 }
 
+void PlaceBelief::on_motion(const MotionEvidence& motion, const TrackPrediction& track) {
+  const auto doubted = [](const Place& place) { return place.motion_spread > 0; };
+  const auto first = std::stable_partition(places_.begin(), places_.end(), std::not_fn(doubted));
+  std::vector<Place> settled(first, places_.end());
+  places_.erase(first, places_.end());
+  for (Place& place : settled) {
+    place.offset_m -= place.moved_m;  // it moved as the track did
+    place.covariance_m2 -= place.grown_by_m2 * Eigen::Matrix2d::Identity();
+    if (motion.spread > 0) {
+      const double ratio = motion.spread / place.motion_spread * std::exp(std::min(motion.chi2, kMostMotion_chi2) / 2);
+      place.weight.visible *= ratio;
+      place.weight.hidden *= ratio;
+    }
+    place.motion_spread = 0;
+    add(place);
+  }
+  const bool may_be_chance = motion.doubt > kLeastWeight;
+  if (may_be_chance) {
+    Place at{{}, motion.predicted - track.position, motion.covariance_m2, track.covariance_m2.trace() / 2};
+    at.of_motion = true;
+    at.motion_spread = motion.spread;
+    at.velocity_mps = motion.velocity_mps;
+    at.velocity_variance = motion.velocity_variance;
+    move_weight(track_, at.weight, motion.doubt);
+    places_.push_back(at);
+  }
+  if (may_be_chance || !settled.empty()) normalize();
+}
+
 void PlaceBelief::on_anchor(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,
                             const Eigen::Matrix2d& covariance_after_m2) {
   move_track(by_m, covariance_before_m2, covariance_after_m2);
@@ -160,8 +197,10 @@ void PlaceBelief::bring_places_to(const Eigen::Matrix2d& track_covariance_m2) {
     place.covariance_m2 = grown_m2(place, track_covariance_m2);
     place.track_variance_m2 = track_covariance_m2.trace() / 2;
     if (overrules(place, track_covariance_m2)) place.contradicts = false;
-    // A track that is not known at all is no place.
-    const bool is_track = track_.total() > 0 && !place.contradicts &&
+    // A track that is not known at all is no place, and a motion that may be chance leaves one that may be much wider.
+    const bool is_alike =
+        !place.of_motion || place.track_variance_m2 > place.covariance_m2.trace() / 2 / kAlikeVariance;
+    const bool is_track = track_.total() > 0 && !place.contradicts && is_alike &&
                           same_place(place.offset_m, place.covariance_m2, track_covariance_m2);
     if (is_track) move_weight(place.weight, track_, 1);
     return is_track;
@@ -382,7 +421,7 @@ void PlaceBelief::add(const Place& added) {
   for (Place& place : places_) {
     const Eigen::Vector2d off = added.offset_m - place.offset_m;
     const double all = place.weight.total() + added.weight.total();
-    if (place.contradicts != added.contradicts || all <= 0) continue;
+    if (place.contradicts != added.contradicts || place.motion_spread > 0 || all <= 0) continue;
     if (!same_place(off, place.covariance_m2, added.covariance_m2)) continue;
     const double share = added.weight.total() / all;
     place.offset_m += share * off;
@@ -394,6 +433,7 @@ void PlaceBelief::add(const Place& added) {
     place.footprints = std::max(place.footprints, added.footprints);
     place.contradicted = place.contradicted || added.contradicted;
     place.of_hint = place.of_hint && added.of_hint;
+    place.of_motion = place.of_motion || added.of_motion;
     return;
   }
   places_.push_back(added);

@@ -48,6 +48,13 @@
 // kMaxAssociationDoubt. What is left of the track stays where it was, as a place. Otherwise z becomes a place, and
 // nothing is moved. A place that comes to lie where the track is becomes the track.
 //
+// Doubted motion. Few pixels of two frames may agree on a motion by chance; with the chance b (tracking_state.hpp) the
+// track did not move as odometry says. So much of the track becomes a place where the track was predicted without that
+// motion, with the covariance of the prediction. While no further motion is measured it goes on with the velocity that
+// was predicted, as uncertain as it was. The next motion that is taken is explained by both: by the track, with the
+// density exp(-χ²/2) / s, and by this place with at most 1 / s₀, s being the volume of the prediction's spread then and
+// now. Where chance found one motion it hardly finds the next one beside it.
+//
 // Hint. Someone says where the aircraft is, h ± σ, and is wrong as a whole with the chance d. Over a statement that
 // says nothing (uniform in the area A) its likelihood is
 //   L = d + (1 - d) A N(h; x_i, C_i + σ²)
@@ -95,6 +102,18 @@ struct Look {
   std::function<double(const PlanePoint&)> detection_odds{};
 };
 
+// A motion that odometry measured, and the track took.
+struct MotionEvidence {
+  double spread = 0;  // s, √|S| of the innovation, m² rad; 0: unknown, and then it says nothing of earlier ones
+  double chi2 = 0;    // three degrees of freedom
+  // For one that may be chance:
+  double doubt = 0;                                         // b
+  PlanePoint predicted{};                                   // without it …
+  Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();  // … and how surely
+  Eigen::Vector2d velocity_mps = Eigen::Vector2d::Zero();   // without it, from the track's with it …
+  double velocity_variance = 0;                             // … and how surely, (m/s)², one axis
+};
+
 // One axis.
 struct PlaceHint {
   PlanePoint position;
@@ -123,6 +142,8 @@ class PlaceBelief {
   // Odometry has measured how the aircraft moved, which is what every place did too: they grow as the track has grown
   // since. by_m: of the track's past, by what odometry says of earlier displacements. Places stay where they are.
   void on_odometry(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_m2);
+  // After on_odometry().
+  void on_motion(const MotionEvidence& motion, const TrackPrediction& track);
   // The filter has moved the track to an accepted candidate. Places stay where they are, and as wide.
   void on_anchor(const Eigen::Vector2d& by_m, const Eigen::Matrix2d& covariance_before_m2,
                  const Eigen::Matrix2d& covariance_after_m2);
@@ -172,6 +193,14 @@ class PlaceBelief {
     bool contradicts = false;       // does so: does not move the track
     double footprints = 0;          // of ground that supported it
     bool of_hint = false;           // no look has hit it
+    bool of_motion = false;         // that may have been chance
+    // Of the last one, until the next one; 0 for others.
+    double motion_spread = 0;
+    Eigen::Vector2d velocity_mps = Eigen::Vector2d::Zero();  // from the track's
+    double velocity_variance = 0, seconds = 0;               // one axis; since then
+    // By these it has moved and grown since the last frame, if no motion of this one is measured.
+    Eigen::Vector2d moved_m = Eigen::Vector2d::Zero();
+    double grown_by_m2 = 0;
   };
   // As the track's covariance has grown since.
   static Eigen::Matrix2d grown_m2(const Place& place, const Eigen::Matrix2d& track_covariance_m2);

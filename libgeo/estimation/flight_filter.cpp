@@ -360,8 +360,8 @@ void FlightFilter::apply_relative_motion(const RelativeMotionMeasurement& measur
   update_joint<8>(row, innovation, measurement.covariance);
 }
 
-double FlightFilter::motion_chi2(const RelativeMotionMeasurement& measurement) const {
-  if (!joint_) return 0;
+FlightFilter::MotionFit FlightFilter::motion_fit(const RelativeMotionMeasurement& measurement) const {
+  if (!joint_) return {};
   const auto [row, innovation] = relative_innovation(measurement, measurement.value.head<2>());
   const Eigen::Matrix<double, 8, 8> spread =
       product_transposed(product(row, joint_->second), row) + measurement.covariance;
@@ -372,7 +372,7 @@ double FlightFilter::motion_chi2(const RelativeMotionMeasurement& measurement) c
     off[i] = innovation[of[i]];
     for (int j = 0; j < 3; ++j) part(i, j) = spread(of[i], of[j]);
   }
-  return off.dot(part.ldlt().solve(off));
+  return {off.dot(part.ldlt().solve(off)), std::sqrt(std::max(0.0, part.determinant()))};
 }
 
 double FlightFilter::motion_innovation_m(const RelativeMotionMeasurement& measurement) const {

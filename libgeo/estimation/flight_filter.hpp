@@ -117,7 +117,13 @@ class FlightFilter {
     return inertial_ ? inertial_->calibration : InertialCalibration{};
   }
   // Mahalanobis distance² of what odometry says of displacement and turn (three degrees of freedom) to the prediction.
-  double motion_chi2(const RelativeMotionMeasurement& measurement) const;
+  double motion_chi2(const RelativeMotionMeasurement& measurement) const { return motion_fit(measurement).chi2; }
+  struct MotionFit {
+    double chi2 = 0;
+    double spread =
+        0;  // √|S|, m² rad: how much room the prediction leaves, S being its covariance and the measurement's
+  };
+  MotionFit motion_fit(const RelativeMotionMeasurement& measurement) const;  // zeros before the second frame
   // Of the measured displacement, beyond the predicted one.
   double motion_innovation_m(const RelativeMotionMeasurement& measurement) const;
   double turn_sigma_rad() const;  // of the heading's change since the last frame

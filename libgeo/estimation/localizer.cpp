@@ -140,6 +140,9 @@ struct Localizer::Impl {
   bool update_with_odometry(const OdometryFrame& seen, OdometryReport& report);
   bool update_over_outlier(const OdometryFrame& seen, OdometryReport& report);
   RelativeMotionMeasurement measured_motion(const OdometryStep& motion, const OdometryFrame& seen) const;
+  MotionEvidence motion_evidence(const FlightFilter& predicted, const RelativeMotionMeasurement& measurement,
+                                 int inliers) const;
+  void weigh_motion(MotionEvidence& evidence);
   OdometryFrame odometry_frame(const cv::Mat& grey) const;
   void on_track_broken();
   std::unique_ptr<AnchorJob> begin_match(const cv::Mat& grey);
@@ -404,6 +407,28 @@ RelativeMotionMeasurement Localizer::Impl::measured_motion(const OdometryStep& m
   return measurement;
 }
 
+// For the belief. predicted: before the filter takes it.
+MotionEvidence Localizer::Impl::motion_evidence(const FlightFilter& predicted,
+                                                const RelativeMotionMeasurement& measurement, int inliers) const {
+  const FlightFilter::MotionFit fit = predicted.motion_fit(measurement);
+  const double shorter =
+      static_cast<double>(std::min(camera.width, camera.height)) / std::max(camera.width, camera.height);
+  const auto velocity = predicted.covariance().block<2, 2>(FlightFilter::velocity_east, FlightFilter::velocity_east);
+  return {.spread = fit.spread,
+          .chi2 = fit.chi2,
+          .doubt = motion_doubt(fit, inliers, footprint_m() * footprint_m() * shorter),
+          .predicted = predicted.position(),
+          .covariance_m2 = predicted.position_covariance_m2(),
+          .velocity_mps = predicted.state().segment<2>(FlightFilter::velocity_east),
+          .velocity_variance = velocity.trace() / 2};
+}
+
+// After the filter has taken it.
+void Localizer::Impl::weigh_motion(MotionEvidence& evidence) {
+  evidence.velocity_mps -= filter->state().segment<2>(FlightFilter::velocity_east);
+  belief.on_motion(evidence, {filter->position(), filter->position_covariance_m2()});
+}
+
 bool Localizer::Impl::update_with_odometry(const OdometryFrame& seen, OdometryReport& report) {
   const auto motion = odometry->track(seen);
   if (!motion) return false;
@@ -427,10 +452,12 @@ bool Localizer::Impl::update_with_odometry(const OdometryFrame& seen, OdometryRe
     step.contradicted_turn_rad = turn_rad;
     filter->inflate_heading(turn_rad);
   } else {
+    MotionEvidence evidence = motion_evidence(*filter, measurement, motion->inliers);
     const Eigen::Vector2d correction_m = filter->update_relative(measurement);
     published.withheld_m += correction_m;
     matching.corrected_m += correction_m;
     belief.on_odometry(correction_m, filter->position_covariance_m2());
+    weigh_motion(evidence);
     step.relative_motion = measurement;
   }
   step.wrong_course_sigma_m = course.on_step(contradicted, filter->sigma(FlightFilter::heading), report.step_m);
@@ -460,6 +487,7 @@ bool Localizer::Impl::update_over_outlier(const OdometryFrame& seen, OdometryRep
   if (contradicts_turn(std::abs(wrap_pi(measurement.value[3])), seen.heading_sigma_rad)) return false;
   report.inliers = motion->inliers;
   report.step_m = step_m;
+  MotionEvidence evidence = motion_evidence(bridged, measurement, motion->inliers);
   const Eigen::Vector2d correction_m = bridged.update_relative(measurement);
   filter = bridged;
   step.motion_over_outlier = measurement;
@@ -467,6 +495,7 @@ bool Localizer::Impl::update_over_outlier(const OdometryFrame& seen, OdometryRep
   matching.corrected_m += correction_m;
   matching.last = before_last->last_look;
   belief.on_odometry(correction_m, filter->position_covariance_m2());
+  weigh_motion(evidence);
   step.wrong_course_sigma_m = course.on_step(false, filter->sigma(FlightFilter::heading), step_m);
   if (step.wrong_course_sigma_m) filter->inflate_position(*step.wrong_course_sigma_m);
   return true;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "vision/localizer_parameters.hpp"
 
@@ -53,6 +54,14 @@ bool contradicts_turn(double turn_rad, double heading_sigma_rad) {
 
 bool is_chance_motion(const FlightFilter& flight, const RelativeMotionMeasurement& measurement, int inliers) {
   return inliers < kSureInliers && flight.motion_chi2(measurement) > kChanceMotion_chi2;
+}
+
+double motion_doubt(const FlightFilter::MotionFit& fit, int inliers, double frame_m2) {
+  if (inliers >= kSureInliers) return 0;
+  const double chance = kChanceShare / (frame_m2 * 2 * kContradictedTurn_rad);
+  const double right = (1 - kChanceShare) * std::exp(-fit.chi2 / 2);
+  const double volume = std::pow(2 * std::numbers::pi, 1.5) * fit.spread;
+  return chance * volume / (chance * volume + right);
 }
 
 bool contradicts_inertial(const FlightFilter& flight, const RelativeMotionMeasurement& measurement) {

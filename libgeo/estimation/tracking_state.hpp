@@ -65,6 +65,9 @@ bool contradicts_turn(double turn_rad, double heading_sigma_rad);
 // A motion that few pairs of pixels agree on may be chance, where two frames show nothing or not the same ground: it
 // must agree with the prediction. inliers: OdometryStep's.
 bool is_chance_motion(const FlightFilter& flight, const RelativeMotionMeasurement& measurement, int inliers);
+// Of one that is not: that it is chance nevertheless, 0 to 1. Chance finds motions that end anywhere in the frame, and
+// turns that the telemetry does not contradict, all alike; right ones are as the flight predicts.
+double motion_doubt(const FlightFilter::MotionFit& fit, int inliers, double frame_m2);
 
 // Where an inertial sensor predicts the motion: displacement and turn are beyond what both sides' noise explains.
 bool contradicts_inertial(const FlightFilter& flight, const RelativeMotionMeasurement& measurement);

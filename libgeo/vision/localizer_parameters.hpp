@@ -496,6 +496,7 @@ inline constexpr double kLeapSlackShare =
 // none of the right ones; [navigability], 92 flights of seeds 201 to 208 and 1 000 701 to 1 000 722.
 inline constexpr int kSureInliers = 20;
 inline constexpr double kChanceMotion_chi2 = 6.25;
+inline constexpr double kChanceShare = 0.11;          // of motions with fewer inliers: six of 54, the same
 inline constexpr double kContradictedTurn_rad = 0.5;  // image and telemetry disagree on a turn: 29°; chosen
 inline constexpr double kContradictedTurnSigmas = 5;  // … by more than this beyond what is uncertain; chosen
 inline constexpr double kResolvedHeading_rad = 0.5;   // below: the heading is known again; chosen
@@ -574,10 +575,12 @@ inline constexpr double kChi2_999 = 13.816;   // likewise, 99.9 %
 inline constexpr double kSamePlace_chi2 = 1;  // two places are merged; chosen
 inline constexpr double kLeastInArea =
     1e-2;  // share of a hypothesis inside the area: with less the area says nothing; chosen
-inline constexpr double kVagueWeight = 1e-2;   // of places that the published covariance leaves out; its 95 % ellipse
-                                               // hardly knows them, the protection level does
-inline constexpr double kLeastWeight = 1e-9;   // of a place that is kept; numerical
-inline constexpr std::size_t kMaxPlaces = 15;  // beside the track; bounds the time
+inline constexpr double kVagueWeight = 1e-2;    // of places that the published covariance leaves out; its 95 % ellipse
+                                                // hardly knows them, the protection level does
+inline constexpr double kAlikeVariance = 4;     // over the track's: what a doubted motion left is wider; chosen
+inline constexpr double kMostMotion_chi2 = 50;  // that speaks for what a motion contradicts; numerical
+inline constexpr double kLeastWeight = 1e-9;    // of a place that is kept; numerical
+inline constexpr std::size_t kMaxPlaces = 15;   // beside the track; bounds the time
 inline constexpr int kProtectionLevelBisections = 40;  // to 1e-12 of the radius; numerical
 inline constexpr double kWorthKeeping = 2.303;         // ln 10: a lost look goes on elsewhere below; chosen
 inline constexpr double kUnambiguous = 6.908;  // ln 1000: needs no other look, for products of the frame; [looks]

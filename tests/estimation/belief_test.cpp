@@ -400,6 +400,88 @@ TEST(ProtectionLevel, GrowsWithTheTimeSinceTheLastLookUntilThereIsNone) {
   EXPECT_FALSE(belief.protection_level_m(circle(8), kIntegrityRisk, circle(0)));
 }
 
+// ---- Motions that may be chance
+
+constexpr double kVague_m = 40, kSharp_m2 = 9;
+constexpr double kTurn_rad = 0.05;
+
+// The track, sharp, has just been moved 50 m to the east by a motion that may be chance; without it, it would be
+// anywhere.
+struct DoubtedMotion {
+  PlaceBelief belief{0, kArea};
+  TrackPrediction track{{50, 0}, circle(3), true};
+
+  explicit DoubtedMotion(double doubt) {
+    MotionEvidence motion;
+    motion.spread = kVague_m * kVague_m * kTurn_rad;
+    motion.chi2 = 2;
+    motion.doubt = doubt;
+    motion.predicted = {10, 0};
+    motion.covariance_m2 = circle(kVague_m);
+    motion.velocity_mps = {-4, 0};
+    motion.velocity_variance = 15 * 15;
+    belief.on_motion(motion, track);
+  }
+  // A sure one.
+  void next(double chi2) {
+    MotionEvidence motion;
+    motion.spread = kSharp_m2 * kTurn_rad;
+    motion.chi2 = chi2;
+    belief.on_motion(motion, track);
+  }
+  double level_m() const { return belief.protection_level_m(track.covariance_m2, kIntegrityRisk, circle(0)).value(); }
+  PlaceBelief::PlaceState place() const { return belief.place_states(track.covariance_m2).at(0); }
+};
+
+TEST(DoubtedMotion, LeavesAPlaceWhereTheTrackWasPredicted) {
+  const DoubtedMotion sure(0), doubted(0.05);
+  EXPECT_EQ(sure.belief.places(), 0U);
+  ASSERT_EQ(doubted.belief.places(), 1U);
+  EXPECT_NEAR(doubted.place().probability, 0.05, 1e-12);
+  EXPECT_EQ(doubted.place().offset_m, Eigen::Vector2d(-40, 0));
+  EXPECT_NEAR(doubted.place().covariance_m2(0, 0), kVague_m * kVague_m, 1e-9);
+  EXPECT_LT(sure.level_m(), 20);
+  EXPECT_GT(doubted.level_m(), 150);
+}
+
+TEST(DoubtedMotion, ThePlaceGoesOnAsItWasPredictedUntilAMotionIsMeasured) {
+  DoubtedMotion flight(0.05);
+  flight.belief.propagate(2);
+  EXPECT_EQ(flight.place().offset_m, Eigen::Vector2d(-48, 0));
+  EXPECT_NEAR(flight.place().covariance_m2(1, 1), kVague_m * kVague_m + 30 * 30, 1e-9);
+  flight.belief.propagate(1);
+  EXPECT_EQ(flight.place().offset_m, Eigen::Vector2d(-52, 0));
+  EXPECT_NEAR(flight.place().covariance_m2(1, 1), kVague_m * kVague_m + 45 * 45, 1e-9);
+  flight.next(1);  // it measured the last second
+  EXPECT_EQ(flight.place().offset_m, Eigen::Vector2d(-48, 0));
+  EXPECT_NEAR(flight.place().covariance_m2(1, 1), kVague_m * kVague_m + 30 * 30, 1e-9);
+  flight.belief.propagate(5);
+  EXPECT_EQ(flight.place().offset_m, Eigen::Vector2d(-48, 0));
+}
+
+TEST(DoubtedMotion, TheNextOneThatFitsSettlesMostOfIt) {
+  DoubtedMotion flight(0.05);
+  flight.next(1);
+  const double ratio = kSharp_m2 / (kVague_m * kVague_m) * std::exp(0.5);
+  EXPECT_NEAR(flight.place().probability, 0.05 * ratio / (0.95 + 0.05 * ratio), 1e-9);
+  const double once = flight.place().probability;
+  flight.next(1);
+  EXPECT_NEAR(flight.place().probability, once, 1e-12) << "what comes later fits both";
+}
+
+TEST(DoubtedMotion, TheNextOneThatDoesNotFitSpeaksForThePlace) {
+  DoubtedMotion flight(0.05);
+  flight.next(40);
+  EXPECT_GT(flight.place().probability, 0.99);
+  EXPECT_GT(flight.level_m(), 150);
+}
+
+TEST(DoubtedMotion, AnAnchorWhereTheTrackIsOutweighsIt) {
+  DoubtedMotion flight(0.05);
+  for (int i = 0; i < 3; ++i) flight.belief.update(look_at({50, 0}, 150, PlanePoint(51, 0), 6), flight.track);
+  EXPECT_LT(flight.level_m(), 40);
+}
+
 TEST(Belief, NoSequenceOfLooksBreaksIt) {
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
     Random random(seed);
@@ -413,6 +495,18 @@ TEST(Belief, NoSequenceOfLooksBreaksIt) {
       Look look = look_at(at, random.uniform(1, 2000), found, random.uniform(-10, 10), random.uniform(0, 1));
       look.continues_track = random.chance(0.7);
       const auto prediction = track(at, random.uniform(0.5, 2000), random.chance(0.5));
+      if (random.chance(0.5)) {
+        MotionEvidence motion;
+        motion.spread = random.chance(0.1) ? 0 : random.uniform(1e-9, 1e6);
+        motion.chi2 = random.uniform(0, 1e4);
+        motion.doubt = random.chance(0.5) ? random.uniform(0, 1) : 0;
+        motion.predicted = {at.east_m + random.normal(0, 300), random.normal(0, 300)};
+        motion.covariance_m2 = circle(random.uniform(0.5, 2000));
+        motion.velocity_mps = {random.normal(0, 50), random.normal(0, 50)};
+        motion.velocity_variance = random.uniform(0, 1000);
+        belief.on_odometry({random.normal(0, 10), random.normal(0, 10)}, prediction.covariance_m2);
+        belief.on_motion(motion, prediction);
+      }
       belief.update(look, prediction);
       if (random.chance(0.1)) {
         belief.on_hint({{at.east_m + random.normal(0, 300), random.normal(0, 300)}, random.uniform(1, 500)},

@@ -9,8 +9,10 @@
 
 #include "estimation/localizer.hpp"
 #include "estimation/localizer_fixture.hpp"
+#include "estimation/tracking_state.hpp"
 #include "geodesy/angles.hpp"
 #include "simulation/mems_imu.hpp"
+#include "vision/localizer_parameters.hpp"
 
 namespace nadir {
 namespace {
@@ -139,6 +141,35 @@ TEST(ChanceMotion, WhatFewPixelsAgreeOnMustFitThePrediction) {
   EXPECT_TRUE(many[10].odometry.tracked);
   EXPECT_GT(drift_m(many, 9, 10), 20);
   EXPECT_TRUE(right[10].odometry.tracked);
+}
+
+// At the second frame the velocity is not known, and the prediction does not refuse a motion that is wrong by 17 m.
+TEST(ChanceMotion, WhereThePredictionKnowsNothingTheLevelHoldsIt) {
+  constexpr int kFew = 14, kMany = 100;
+  const auto flown = [](int inliers) {
+    LocalizerConfig config = mistaken(1, {12, -12}, inliers);
+    config.integrity_risk = 1.01 * parameters::belief::kStartDoubt;  // the start itself is no better without a map
+    return fly(plain_flight(), config);
+  };
+  const auto few = flown(kFew), many = flown(kMany);
+  ASSERT_TRUE(few[1].odometry.tracked && many[1].odometry.tracked);
+  EXPECT_GT(drift_m(few, 0, 1), 12);
+  EXPECT_GT(few[1].estimate.hpl_m.value(), many[1].estimate.hpl_m.value() + 15);
+  EXPECT_GT(few[2].estimate.sigma_m, 1.5 * many[2].estimate.sigma_m) << "the next motion does not fit";
+}
+
+TEST(ChanceMotion, IsDoubtedTheMoreTheLessWasPredicted) {
+  using parameters::tracking::kSureInliers;
+  constexpr double kFrame_m2 = 50'000;
+  const FlightFilter::MotionFit sharp{1, 5 * 5 * 0.05}, vague{1, 75 * 75 * 0.05}, off{6, 5 * 5 * 0.05};
+  EXPECT_EQ(motion_doubt(vague, kSureInliers, kFrame_m2), 0);
+  EXPECT_GT(motion_doubt(sharp, kSureInliers - 1, kFrame_m2), 0);
+  EXPECT_LT(motion_doubt(sharp, kSureInliers - 1, kFrame_m2), 1e-4);
+  EXPECT_GT(motion_doubt(vague, kSureInliers - 1, kFrame_m2), 1e-2);
+  EXPECT_GT(motion_doubt(off, kSureInliers - 1, kFrame_m2), 10 * motion_doubt(sharp, kSureInliers - 1, kFrame_m2));
+  EXPECT_GT(motion_doubt(vague, kSureInliers - 1, kFrame_m2 / 10),
+            5 * motion_doubt(vague, kSureInliers - 1, kFrame_m2));
+  EXPECT_LE(motion_doubt({0, 1e12}, 1, 1), 1);
 }
 
 TEST(InertialFlight, DarkFramesAreCarried) {
