@@ -8,6 +8,7 @@
 
 #include "base/error.hpp"
 #include "estimation/look_likelihood.hpp"
+#include "estimation/tracking_state.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir::bench {
@@ -38,6 +39,7 @@ constexpr std::array kFaults = {
     NamedFault{FlightFault::foreign_frames, "foreign_frames", "1 to 5 foreign frames"},
     NamedFault{FlightFault::wrong_anchor, "wrong_anchor", "wrong anchor accepted, a minute later", false},
     NamedFault{FlightFault::odometry, "odometry", "odometry 5 % too long"},
+    NamedFault{FlightFault::wrong_motion, "wrong_motion", "a wrong motion of odometry is believed"},
 };
 
 std::vector<FaultKind> made_kinds() {
@@ -49,6 +51,9 @@ std::vector<FaultKind> made_kinds() {
   }
   return kinds;
 }
+
+constexpr std::uint64_t kFirstKinds = 28;  // have their numbers in turns, since the first results that were stored
+constexpr std::uint64_t kLaterKind = 1'000'000;  // each of the others has so many of its own
 
 // The flight: a light drone 200 m above ground.
 constexpr double kSpeed_mps = 20, kFootprint_m = 255, kFlightAgl_m = 200;
@@ -62,7 +67,14 @@ constexpr double kStepShare = 0.02;       // σ of the random walk
 constexpr double kBrokenStepShare = 0.1;  // without it: telemetry alone
 constexpr double kLongOdometry = 0.05;
 constexpr double kOverlapSeen = 0.8;  // above this share of new ground nothing tells that a frame is foreign
-constexpr double kForeignFrom_s = 60, kForeignTo_s = 180;
+constexpr double kHappensFrom_s = 60, kHappensTo_s = 180;
+constexpr int kMostFrames = 5;  // that are foreign, or led by a wrong motion
+// Wrong motions.
+constexpr double kSparseGround = 0.7;  // from this share of new ground on odometry may have no right motion
+constexpr double kLeastVague = 0.1, kMostVague = 0.75;  // σ of the prediction, of the way; most: a velocity of 15 m/s
+constexpr double kTurnSigma_rad = 0.05;
+constexpr double kFrameShape = 0.75;  // shorter side over longer
+constexpr int kFewInliers = 12;
 constexpr double kWrongAnchorCountsFrom_s = 60;
 constexpr int kMostWrongHits = 50;
 constexpr double kFarShare = 0.4;  // of the alert limit: σ that is added for the score of the hazardous event
@@ -147,6 +159,16 @@ std::span<const FaultKind> fault_kinds() {
   return kinds;
 }
 
+const FaultKind& kind_of(std::uint64_t number) {
+  const auto kinds = fault_kinds();
+  return number < kLaterKind ? kinds[number % kFirstKinds] : kinds[kFirstKinds + number / kLaterKind - 1];
+}
+
+std::uint64_t number_of(const FaultKind& kind, std::uint64_t repetition) {
+  const auto at = static_cast<std::uint64_t>(&kind - fault_kinds().data());
+  return at < kFirstKinds ? repetition * kFirstKinds + at : (at - kFirstKinds + 1) * kLaterKind + repetition;
+}
+
 bool is_fault_kind(std::string_view code) {
   return std::ranges::any_of(fault_kinds(), [&](const FaultKind& k) { return k.code == code; });
 }
@@ -220,10 +242,38 @@ void FaultFlight::begin_fault(State& s, Random& random) const {
                                                            : 0;
   s.map_shift_m += shift_m * random_direction(random);
   if (fault_ == FlightFault::foreign_frames) {
-    s.foreign_frames = random.integer(1, 5);
-    s.foreign_at_s = random.uniform(kForeignFrom_s, kForeignTo_s);
+    s.foreign_frames = random.integer(1, kMostFrames);
+    s.happens_at_s = random.uniform(kHappensFrom_s, kHappensTo_s);
     s.foreign_m = random.uniform(50, 500) * random_direction(random);
   }
+  if (fault_ == FlightFault::wrong_motion) {
+    s.astray_looks = random.integer(1, kMostFrames);
+    s.happens_at_s = random.uniform(kHappensFrom_s, kHappensTo_s);
+  }
+}
+
+// The look of the wrong motion itself.
+void FaultFlight::mislead(State& s, double way_m, Random& random) const {
+  const double vague_m = random.uniform(kLeastVague, kMostVague) * way_m;
+  const double step_m = kStepShare * way_m;
+  const double variance_m2 = vague_m * vague_m + step_m * step_m;
+  // From the prediction, in σ: uniform, inside the frame and inside what the prediction allows.
+  const double most_m = std::min(std::sqrt(parameters::tracking::kChanceMotion_chi2 * variance_m2), kFootprint_m / 2);
+  const Eigen::Vector2d motion_m = most_m * std::sqrt(random.uniform(0, 1)) * random_direction(random);
+  const Eigen::Vector2d truth_m = normal_vector(vague_m, random);
+  const FlightFilter::MotionFit fit{motion_m.squaredNorm() / variance_m2, variance_m2 * kTurnSigma_rad};
+  MotionEvidence evidence;
+  evidence.spread = fit.spread;
+  evidence.chi2 = fit.chi2;
+  evidence.doubt = motion_doubt(fit, kFewInliers, kFrameShape * kFootprint_m * kFootprint_m);
+  evidence.covariance_m2 = s.covariance_m2() + vague_m * vague_m * Eigen::Matrix2d::Identity();
+  const double seconds = way_m / kSpeed_mps;
+  evidence.velocity_mps = -motion_m / seconds;
+  evidence.velocity_variance = vague_m * vague_m / (seconds * seconds);
+  s.astray_share = (motion_m - truth_m) / way_m;
+  s.error.head<2>() += way_m * s.astray_share;
+  evidence.predicted = PlanePoint(s.error_m() - motion_m);
+  s.belief.on_motion(evidence, {PlanePoint(s.error_m()), s.covariance_m2()});
 }
 
 void FaultFlight::advance(State& s, Random& random) const {
@@ -232,22 +282,41 @@ void FaultFlight::advance(State& s, Random& random) const {
     s.new_ground = std::exp(random.uniform(std::log(kLeastNewGround), 0));
     s.minute_ends_s += 60;
   }
+  const bool astray = s.astray_looks > 0 && s.time_s >= s.happens_at_s;
+  const bool only_velocity = astray && s.led_astray;  // not the look of the motion itself
+  if (astray && !s.led_astray) {
+    s.led_astray = true;
+    s.new_ground = random.uniform(kSparseGround, 1);
+    s.minute_ends_s = s.time_s + 60;
+  }
+  if (astray) --s.astray_looks;
   const double way_m = s.new_ground * kFootprint_m;
   s.time_s += way_m / kSpeed_mps;
   s.belief.propagate(way_m / kSpeed_mps);
-  const bool foreign = s.foreign_frames > 0 && s.time_s >= s.foreign_at_s;
+  const bool foreign = s.foreign_frames > 0 && s.time_s >= s.happens_at_s;
   if (foreign) --s.foreign_frames;
-  const bool broken = foreign != s.last_foreign && s.new_ground <= kOverlapSeen;
+  const bool broken = only_velocity || (foreign != s.last_foreign && s.new_ground <= kOverlapSeen);
   s.last_foreign = foreign;
   if (broken && s.anchored) s.stands = false;
   const double step_sigma_m = (broken ? kBrokenStepShare : kStepShare) * way_m;
   Eigen::Matrix4d transition = Eigen::Matrix4d::Identity();
   transition.topRightCorner<2, 2>() = way_m * Eigen::Matrix2d::Identity();
   s.error = transition * s.error;
+  if (only_velocity) s.error.head<2>() += way_m * s.astray_share;
   s.error.head<2>() += normal_vector(step_sigma_m, random);
   s.covariance = (transition * s.covariance * transition.transpose()).eval();
   s.covariance.topLeftCorner<2, 2>() += step_sigma_m * step_sigma_m * Eigen::Matrix2d::Identity();
   s.since_anchor_m += way_m;
+  if (astray && !only_velocity) mislead(s, way_m, random);
+  const bool set_right = s.led_astray && !astray && s.astray_share != Eigen::Vector2d::Zero();
+  if (set_right) {  // by the next motion, which the wrong velocity does not explain
+    const double vague_m = kBrokenStepShare * way_m;
+    MotionEvidence evidence;
+    evidence.spread = vague_m * vague_m * kTurnSigma_rad;
+    evidence.chi2 = (s.astray_share * way_m).squaredNorm() / (vague_m * vague_m);
+    s.belief.on_motion(evidence, {PlanePoint(s.error_m()), s.covariance_m2()});
+    s.astray_share.setZero();
+  }
 
   // The look.
   const double radius_m = s.window.radius_m(one_axis_sigma_m(s.covariance_m2()));

@@ -15,6 +15,12 @@
 // counted probability, displaced and with a weight of evidence as when counted (repeated_looks.hpp); an error of the
 // true place, in σ, stays with the ground that both show. The map as a whole is off by its own σ.
 //
+// A wrong motion is one that few pixels agreed on by chance, where the velocity is known so badly that the prediction
+// does not refuse it (tracking_state.hpp): it ends anywhere in the frame where the prediction may be, and the belief
+// doubts it as the localizer's does. Frames hardly overlap then, so that the next ones may have no motion: for as many
+// looks as foreign frames the velocity leads on, by as much each time, whatever anchors say of it. The next motion is
+// right.
+//
 // Onset. A stretch with a fault begins with the flight, at a start that may be wrong; or in flight: a stretch without a
 // fault comes before it, of which nothing counts. Wide starts are rare and lead to most misleading flights, so half of
 // the starts are drawn from a wider distribution, and each flight has the weight that makes up for it.
@@ -53,6 +59,7 @@ enum class FlightFault {
   foreign_frames,  // one to five frames of another place, 50 to 500 m off
   wrong_anchor,    // the track was moved to a wrong place, 50 to 500 m off; counted from a minute later
   odometry,        // each displacement is measured 5 % too long
+  wrong_motion,    // few pixels agreed on a motion by chance, and its velocity leads on while frames hardly overlap
 };
 
 enum class Onset { start, in_flight };
@@ -64,6 +71,10 @@ struct FaultKind {
   Onset onset = Onset::start;
 };
 std::span<const FaultKind> fault_kinds();
+// Flights are numbered: a number says which kind they have, and which of its repetitions they are. A kind that is added
+// leaves the numbers of the others as they are, and with them the stored results.
+const FaultKind& kind_of(std::uint64_t number);
+std::uint64_t number_of(const FaultKind& kind, std::uint64_t repetition);  // of fault_kinds()
 bool is_fault_kind(std::string_view code);
 const FaultKind& fault_kind(std::string_view code);  // throws Error
 
@@ -84,9 +95,12 @@ class FaultFlight {
     const std::string* ground = nullptr;
     LookPools pools;                                        // of the pictures as they are now
     Eigen::Vector2d map_shift_m = Eigen::Vector2d::Zero();  // what lies at p appears at p + shift
-    double foreign_at_s = 0;
+    double happens_at_s = 0;                                // what is about some frames alone
     Eigen::Vector2d foreign_m = Eigen::Vector2d::Zero();
     int foreign_frames = 0;  // left to come
+    int astray_looks = 0;    // left to come: led by a wrong motion, until the next right one
+    bool led_astray = false;
+    Eigen::Vector2d astray_share = Eigen::Vector2d::Zero();  // of the way, from look to look
     // The estimator.
     PlaceBelief belief{1, {}};
     Eigen::Vector4d error = Eigen::Vector4d::Zero();  // of the position, m, and of the drift, m/m
@@ -128,6 +142,7 @@ class FaultFlight {
 
  private:
   void begin_fault(State& state, Random& random) const;
+  void mislead(State& state, double way_m, Random& random) const;
 
   const MeasuredLooks& looks_;
   const RepeatRates& repeats_;

@@ -18,6 +18,8 @@ constexpr std::array kEvents = {
     BasicEvent{"estimator", "odometry", 1e-3,
                "focal length or height wrong by 5 %: calibration is checked at the desk"},
     BasicEvent{"estimator", "wrong_anchor", 1e-5, "wrong anchors of a cause that is not in this tree"},
+    BasicEvent{"estimator", "wrong_motion", 0.02,
+               "one motion in 1818 where frames hardly overlap, 280 motions an hour, one flight in ten"},
     BasicEvent{"start", "start_500", 1e-3, "one start in a thousand is mistyped or of the last flight"},
     BasicEvent{"start", "start_2000", 1e-3, "likewise"},
     BasicEvent{"map", "unchecked_pairs", 1e-3,

@@ -130,9 +130,10 @@ std::string digest_of(const std::filesystem::path& path) { return sha256(as_byte
 std::vector<std::uint64_t> indices_of(const std::vector<std::string>& faults, int repetitions) {
   for (const std::string& fault : faults) fault_kind(fault);
   std::vector<std::uint64_t> indices;
-  for (std::uint64_t i = 0; i < fault_kinds().size() * static_cast<std::uint64_t>(repetitions); ++i) {
-    const FaultKind& kind = fault_kinds()[i % fault_kinds().size()];
-    if (faults.empty() || std::ranges::count(faults, kind.code) > 0) indices.push_back(i);
+  for (std::uint64_t repetition = 0; repetition < static_cast<std::uint64_t>(repetitions); ++repetition) {
+    for (const FaultKind& kind : fault_kinds()) {
+      if (faults.empty() || std::ranges::count(faults, kind.code) > 0) indices.push_back(number_of(kind, repetition));
+    }
   }
   return indices;
 }

@@ -67,7 +67,7 @@ SplitRecord split_record_of(const std::string& text) {
 
 SplitRecord split(const MeasuredLooks& looks, const RepeatRates& repeats, const SplittingRun& run,
                   std::uint64_t index) {
-  const FaultKind& kind = fault_kinds()[index % fault_kinds().size()];
+  const FaultKind& kind = kind_of(index);
   SplitRecord record;
   record.index = index;
   record.fault = kind.code;

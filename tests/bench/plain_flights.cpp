@@ -64,7 +64,7 @@ PlainFlights plain_flights_of(const std::string& text) {
 
 PlainFlights count_plain(const MeasuredLooks& looks, const RepeatRates& repeats, const FlightsRun& run,
                          std::uint64_t index) {
-  const FaultKind& kind = fault_kinds()[index % fault_kinds().size()];
+  const FaultKind& kind = kind_of(index);
   const FaultFlight flight(looks, repeats, kind, run.limits, FaultFlight::hazardous);
   return {index, kind.code,
           count_flights(flight, kFlightsInALine, hash_of(run.seed, static_cast<std::int64_t>(index)))};

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <set>
 
 #include "base/digest.hpp"
 #include "base/error.hpp"
@@ -134,10 +135,8 @@ const RepeatRates& repeats() {
   return rates;
 }
 
-std::uint64_t number_of(std::string_view code) {
-  const auto kinds = fault_kinds();
-  return static_cast<std::uint64_t>(
-      std::find_if(kinds.begin(), kinds.end(), [&](const FaultKind& k) { return k.code == code; }) - kinds.begin());
+std::uint64_t number_of(std::string_view code, std::uint64_t repetition = 0) {
+  return bench::number_of(fault_kind(code), repetition);
 }
 
 // The same event by plain counting and by splitting with few particles.
@@ -215,6 +214,19 @@ TEST(MisleadingFlights, TheSameSeedGivesTheSameLineOnAnyNumberOfThreads) {
   EXPECT_EQ(std::ranges::count(lines[0], '\n'), kFaults);
 }
 
+TEST(MisleadingFlights, EachHasANumberOfItsOwnAndThoseOfStoredResultsStay) {
+  std::set<std::uint64_t> numbers;
+  for (const FaultKind& kind : fault_kinds()) {
+    for (std::uint64_t repetition = 0; repetition < 100; ++repetition) {
+      const std::uint64_t number = bench::number_of(kind, repetition);
+      EXPECT_TRUE(numbers.insert(number).second) << kind.code << " " << repetition;
+      EXPECT_EQ(kind_of(number).code, kind.code);
+    }
+  }
+  const SplittingFile stored = read_splitting(kStoredTables / "splitting.csv", kPublishedSeed);
+  for (const auto& [number, record] : stored.records) EXPECT_EQ(kind_of(number).code, record.fault) << number;
+}
+
 // Small, with a fixed seed. The bounds are some ten times what docs/safety-case.md publishes, where that is more than
 // such a run can see: a belief that became worse by more than that leaves them.
 TEST(MisleadingFlights, StayWithinTheirBounds) {
@@ -232,7 +244,7 @@ TEST(MisleadingFlights, StayWithinTheirBounds) {
     std::vector<SplitRecord::Estimate> misleading, hazardous;
     long looks_seen = 0, usable = 0;
     for (std::uint64_t i = 0; i < 3; ++i) {
-      const SplitRecord r = split(stored_looks(), repeats(), run, number_of(bound.fault) + i * fault_kinds().size());
+      const SplitRecord r = split(stored_looks(), repeats(), run, number_of(bound.fault, i));
       ASSERT_EQ(r.fault, bound.fault);
       misleading.push_back(r.misleading), hazardous.push_back(r.hazardous);
       looks_seen += r.plain.looks, usable += r.plain.usable;
@@ -277,8 +289,11 @@ SplitRecord made_up(std::uint64_t index, std::string_view fault) {
 
 std::map<std::uint64_t, SplitRecord> made_up_records() {
   std::map<std::uint64_t, SplitRecord> records;
-  for (std::uint64_t i = 0; i < 20 * fault_kinds().size(); ++i) {
-    records[i] = made_up(i, fault_kinds()[i % fault_kinds().size()].code);
+  for (const FaultKind& kind : fault_kinds()) {
+    for (std::uint64_t repetition = 0; repetition < 20; ++repetition) {
+      const std::uint64_t number = bench::number_of(kind, repetition);
+      records[number] = made_up(number, kind.code);
+    }
   }
   return records;
 }
@@ -297,7 +312,7 @@ TEST(SplittingResults, WhatIsNoLineIsAnError) {
 }
 
 TEST(PlainFlights, ALineIsAThousandFlightsOfItsFaultAndComesBackAsItWas) {
-  const std::uint64_t index = number_of("start_2000") + fault_kinds().size();
+  const std::uint64_t index = number_of("start_2000", 1);
   FlightsRun run;
   run.seed = kJudgeSeed;
   const PlainFlights counted = count_plain(stored_looks(), repeats(), run, index);
