@@ -129,8 +129,26 @@ std::vector<TileKey> AddressWork::lock_addresses(const std::string& from, const 
     if (server) database_.roll_back();
     throw;
   }
-  if (server && keys.empty()) database_.roll_back();
+  if (server && keys.empty()) {
+    database_.roll_back();
+    end_hung_claims();
+  }
   return keys;
+}
+
+// The server ends a session that is idle within a transaction for too long. One whose client hangs in the middle of an
+// answer is not idle: the server waits until it takes the rest, for as long as the client's connection stands.
+void AddressWork::end_hung_claims() {
+  const std::string limit = "current_setting('idle_in_transaction_session_timeout')";
+  const std::string hung = fmt::format(
+      "SELECT a.pid AS pid FROM pg_stat_activity a WHERE a.datname = current_database() AND a.usename = current_user "
+      "AND a.state = 'active' AND a.wait_event = 'ClientWrite' AND {0} <> '0' "
+      "AND clock_timestamp() - a.state_change > {0}::interval "
+      "AND EXISTS (SELECT 1 FROM pg_locks l WHERE l.pid = a.pid AND l.mode = 'RowShareLock' "
+      "AND l.relation = '{1}'::regclass)",
+      limit, database_.of("addresses"));
+  database_.select(fmt::format("SELECT pg_terminate_backend(h.pid) AS ended FROM ({}) h", hung),
+                   [](const CatalogueRow&) {});
 }
 
 AddressWork::Claim AddressWork::claim_tiles(std::int64_t upload, std::size_t limit, const std::set<std::int64_t>& but) {

@@ -82,6 +82,7 @@ class AddressWork {
                                       std::size_t limit);
   Claim claim(std::vector<TileKey> keys, const std::string& but_tiles);
   std::string but_claimed() const;
+  void end_hung_claims();
   void read_waiting(std::vector<AddressTask>& addresses, std::span<const TileKey> keys, const std::string& but_tiles);
   void read_standing(std::vector<AddressTask>& addresses, std::span<const TileKey> keys);
   std::set<std::string> with_noted_keys(std::set<std::string> revoked, std::span<const AddressResult> results);

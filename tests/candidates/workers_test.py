@@ -40,6 +40,12 @@ CLAIMING = """SELECT pid FROM pg_stat_activity WHERE datname = '{}' AND state = 
               AND pid IN (SELECT pid FROM pg_locks WHERE mode = 'RowShareLock')"""
 
 
+IMPATIENT = "-c idle_in_transaction_session_timeout=1500"
+# … and whose worker does not take an answer.
+ANSWERING = """SELECT pid FROM pg_stat_activity WHERE datname = '{}' AND state = 'active' AND wait_event = 'ClientWrite'
+               AND pid IN (SELECT pid FROM pg_locks WHERE mode = 'RowShareLock')"""
+
+
 ALL_DECIDED = """SELECT 1 WHERE NOT EXISTS (SELECT 1 FROM nadir_candidates.tiles t WHERE NOT EXISTS
                  (SELECT 1 FROM nadir_candidates.verdicts v WHERE v.tile = t.id))"""
 
@@ -116,9 +122,9 @@ class Workers(unittest.TestCase):
             worker.stdout.close()
             worker.stderr.close()
 
-    def finish(self, export=False):
+    def finish(self, export=False, **environment):
         """One more worker does what is left; then nothing is lost, and nothing is there twice."""
-        last = self.start("--until-done", "--json")
+        last = self.start("--until-done", "--json", **environment)
         output, errors = last.communicate(timeout=120)
         self.assertEqual(0, last.returncode, errors)
         self.assertEqual(self.expected, self.decisions(self.name))
@@ -186,11 +192,31 @@ class Workers(unittest.TestCase):
 
     def test_one_that_hangs_loses_its_addresses(self):
         """The server ends a session that is silent for too long; the worker that wakes then begins anew, and does no harm."""
-        hanging = self.start(PGOPTIONS="-c idle_in_transaction_session_timeout=1500")
+        hanging = self.start(PGOPTIONS=IMPATIENT)
         session = self.claiming()
         hanging.send_signal(signal.SIGSTOP)
-        self.finish()
+        self.finish(PGOPTIONS=IMPATIENT)
         self.assertEqual("", self.psql(f"SELECT pid FROM pg_stat_activity WHERE pid = {session}"))
+        hanging.send_signal(signal.SIGCONT)
+        hanging.send_signal(signal.SIGTERM)
+        _, errors = hanging.communicate(timeout=60)
+        self.assertEqual(0, hanging.returncode, errors)
+        self.assertEqual(self.expected, self.decisions(self.name))
+
+    def test_one_that_hangs_in_the_middle_of_an_answer_loses_them_too(self):
+        """Its session is not idle: the server waits until the answer is taken."""
+        hanging = self.start(PGOPTIONS=IMPATIENT)
+        while not self.psql(ALL_DECIDED):  # stop it where the answer fills the socket
+            hanging.send_signal(signal.SIGSTOP)
+            time.sleep(0.05)
+            if self.psql(ANSWERING.format(self.name)):
+                break
+            hanging.send_signal(signal.SIGCONT)
+            time.sleep(0.003)
+        else:
+            self.skipTest("it was never stopped in the middle of an answer")
+        self.finish(PGOPTIONS=IMPATIENT)
+        self.assertEqual("", self.psql(ANSWERING.format(self.name)))
         hanging.send_signal(signal.SIGCONT)
         hanging.send_signal(signal.SIGTERM)
         _, errors = hanging.communicate(timeout=60)
