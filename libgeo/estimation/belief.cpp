@@ -138,8 +138,8 @@ void PlaceBelief::on_odometry(const Eigen::Vector2d& by_m, const Eigen::Matrix2d
 }
 
 void PlaceBelief::on_motion(const MotionEvidence& motion, const TrackPrediction& track) {
-  const auto doubted = [](const Place& place) { return place.motion_spread > 0; };
-  const auto first = std::stable_partition(places_.begin(), places_.end(), std::not_fn(doubted));
+  const auto unconfirmed = [](const Place& place) { return place.motion_spread > 0; };
+  const auto first = std::stable_partition(places_.begin(), places_.end(), std::not_fn(unconfirmed));
   std::vector<Place> settled(first, places_.end());
   places_.erase(first, places_.end());
   for (Place& place : settled) {

@@ -48,12 +48,12 @@
 // kMaxAssociationDoubt. What is left of the track stays where it was, as a place. Otherwise z becomes a place, and
 // nothing is moved. A place that comes to lie where the track is becomes the track.
 //
-// Doubted motion. Few pixels of two frames may agree on a motion by chance; with the chance b (tracking_state.hpp) the
-// track did not move as odometry says. So much of the track becomes a place where the track was predicted without that
-// motion, with the covariance of the prediction. While no further motion is measured it goes on with the velocity that
-// was predicted, as uncertain as it was. The next motion that is taken is explained by both: by the track, with the
-// density exp(-χ²/2) / s, and by this place with at most 1 / s₀, s being the volume of the prediction's spread then and
-// now. Where chance found one motion it hardly finds the next one beside it.
+// Unconfirmed motion. Few pixels of two frames may agree on a motion by chance; with the chance b (tracking_state.hpp)
+// the track did not move as odometry says. So much of the track becomes a place where the track was predicted without
+// that motion, with the covariance of the prediction. While no further motion is measured it goes on with the velocity
+// that was predicted, as uncertain as it was. The next motion that is taken is explained by both: by the track, with
+// the density exp(-χ²/2) / s, and by this place with at most 1 / s₀, s being the volume of the prediction's spread then
+// and now. Where chance found one motion it hardly finds the next one beside it.
 //
 // Hint. Someone says where the aircraft is, h ± σ, and is wrong as a whole with the chance d. Over a statement that
 // says nothing (uniform in the area A) its likelihood is

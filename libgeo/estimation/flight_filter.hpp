@@ -120,8 +120,7 @@ class FlightFilter {
   double motion_chi2(const RelativeMotionMeasurement& measurement) const { return motion_fit(measurement).chi2; }
   struct MotionFit {
     double chi2 = 0;
-    double spread =
-        0;  // √|S|, m² rad: how much room the prediction leaves, S being its covariance and the measurement's
+    double spread = 0;  // √|S|, m² rad, S being the covariance of prediction and measurement: the room it leaves
   };
   MotionFit motion_fit(const RelativeMotionMeasurement& measurement) const;  // zeros before the second frame
   // Of the measured displacement, beyond the predicted one.

@@ -577,7 +577,7 @@ inline constexpr double kLeastInArea =
     1e-2;  // share of a hypothesis inside the area: with less the area says nothing; chosen
 inline constexpr double kVagueWeight = 1e-2;    // of places that the published covariance leaves out; its 95 % ellipse
                                                 // hardly knows them, the protection level does
-inline constexpr double kAlikeVariance = 4;     // over the track's: what a doubted motion left is wider; chosen
+inline constexpr double kAlikeVariance = 4;     // over the track's: what an unconfirmed motion left is wider; chosen
 inline constexpr double kMostMotion_chi2 = 50;  // that speaks for what a motion contradicts; numerical
 inline constexpr double kLeastWeight = 1e-9;    // of a place that is kept; numerical
 inline constexpr std::size_t kMaxPlaces = 15;   // beside the track; bounds the time

@@ -39,7 +39,7 @@ constexpr std::array kFaults = {
     NamedFault{FlightFault::foreign_frames, "foreign_frames", "1 to 5 foreign frames"},
     NamedFault{FlightFault::wrong_anchor, "wrong_anchor", "wrong anchor accepted, a minute later", false},
     NamedFault{FlightFault::odometry, "odometry", "odometry 5 % too long"},
-    NamedFault{FlightFault::wrong_motion, "wrong_motion", "a wrong motion of odometry is believed"},
+    NamedFault{FlightFault::wrong_motion, "wrong_motion", "a wrong motion of odometry is accepted"},
 };
 
 std::vector<FaultKind> made_kinds() {

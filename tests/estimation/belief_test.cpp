@@ -407,11 +407,11 @@ constexpr double kTurn_rad = 0.05;
 
 // The track, sharp, has just been moved 50 m to the east by a motion that may be chance; without it, it would be
 // anywhere.
-struct DoubtedMotion {
+struct UnconfirmedMotion {
   PlaceBelief belief{0, kArea};
   TrackPrediction track{{50, 0}, circle(3), true};
 
-  explicit DoubtedMotion(double doubt) {
+  explicit UnconfirmedMotion(double doubt) {
     MotionEvidence motion;
     motion.spread = kVague_m * kVague_m * kTurn_rad;
     motion.chi2 = 2;
@@ -433,19 +433,19 @@ struct DoubtedMotion {
   PlaceBelief::PlaceState place() const { return belief.place_states(track.covariance_m2).at(0); }
 };
 
-TEST(DoubtedMotion, LeavesAPlaceWhereTheTrackWasPredicted) {
-  const DoubtedMotion sure(0), doubted(0.05);
+TEST(UnconfirmedMotion, LeavesAPlaceWhereTheTrackWasPredicted) {
+  const UnconfirmedMotion sure(0), unconfirmed(0.05);
   EXPECT_EQ(sure.belief.places(), 0U);
-  ASSERT_EQ(doubted.belief.places(), 1U);
-  EXPECT_NEAR(doubted.place().probability, 0.05, 1e-12);
-  EXPECT_EQ(doubted.place().offset_m, Eigen::Vector2d(-40, 0));
-  EXPECT_NEAR(doubted.place().covariance_m2(0, 0), kVague_m * kVague_m, 1e-9);
+  ASSERT_EQ(unconfirmed.belief.places(), 1U);
+  EXPECT_NEAR(unconfirmed.place().probability, 0.05, 1e-12);
+  EXPECT_EQ(unconfirmed.place().offset_m, Eigen::Vector2d(-40, 0));
+  EXPECT_NEAR(unconfirmed.place().covariance_m2(0, 0), kVague_m * kVague_m, 1e-9);
   EXPECT_LT(sure.level_m(), 20);
-  EXPECT_GT(doubted.level_m(), 150);
+  EXPECT_GT(unconfirmed.level_m(), 150);
 }
 
-TEST(DoubtedMotion, ThePlaceGoesOnAsItWasPredictedUntilAMotionIsMeasured) {
-  DoubtedMotion flight(0.05);
+TEST(UnconfirmedMotion, ThePlaceGoesOnAsItWasPredictedUntilAMotionIsMeasured) {
+  UnconfirmedMotion flight(0.05);
   flight.belief.propagate(2);
   EXPECT_EQ(flight.place().offset_m, Eigen::Vector2d(-48, 0));
   EXPECT_NEAR(flight.place().covariance_m2(1, 1), kVague_m * kVague_m + 30 * 30, 1e-9);
@@ -459,8 +459,8 @@ TEST(DoubtedMotion, ThePlaceGoesOnAsItWasPredictedUntilAMotionIsMeasured) {
   EXPECT_EQ(flight.place().offset_m, Eigen::Vector2d(-48, 0));
 }
 
-TEST(DoubtedMotion, TheNextOneThatFitsSettlesMostOfIt) {
-  DoubtedMotion flight(0.05);
+TEST(UnconfirmedMotion, TheNextOneThatFitsSettlesMostOfIt) {
+  UnconfirmedMotion flight(0.05);
   flight.next(1);
   const double ratio = kSharp_m2 / (kVague_m * kVague_m) * std::exp(0.5);
   EXPECT_NEAR(flight.place().probability, 0.05 * ratio / (0.95 + 0.05 * ratio), 1e-9);
@@ -469,15 +469,15 @@ TEST(DoubtedMotion, TheNextOneThatFitsSettlesMostOfIt) {
   EXPECT_NEAR(flight.place().probability, once, 1e-12) << "what comes later fits both";
 }
 
-TEST(DoubtedMotion, TheNextOneThatDoesNotFitSpeaksForThePlace) {
-  DoubtedMotion flight(0.05);
+TEST(UnconfirmedMotion, TheNextOneThatDoesNotFitSpeaksForThePlace) {
+  UnconfirmedMotion flight(0.05);
   flight.next(40);
   EXPECT_GT(flight.place().probability, 0.99);
   EXPECT_GT(flight.level_m(), 150);
 }
 
-TEST(DoubtedMotion, AnAnchorWhereTheTrackIsOutweighsIt) {
-  DoubtedMotion flight(0.05);
+TEST(UnconfirmedMotion, AnAnchorWhereTheTrackIsOutweighsIt) {
+  UnconfirmedMotion flight(0.05);
   for (int i = 0; i < 3; ++i) flight.belief.update(look_at({50, 0}, 150, PlanePoint(51, 0), 6), flight.track);
   EXPECT_LT(flight.level_m(), 40);
 }

@@ -158,7 +158,7 @@ TEST(ChanceMotion, WhereThePredictionKnowsNothingTheLevelHoldsIt) {
   EXPECT_GT(few[2].estimate.sigma_m, 1.5 * many[2].estimate.sigma_m) << "the next motion does not fit";
 }
 
-TEST(ChanceMotion, IsDoubtedTheMoreTheLessWasPredicted) {
+TEST(ChanceMotion, IsTheMoreDoubtfulTheLessWasPredicted) {
   using parameters::tracking::kSureInliers;
   constexpr double kFrame_m2 = 50'000;
   const FlightFilter::MotionFit sharp{1, 5 * 5 * 0.05}, vague{1, 75 * 75 * 0.05}, off{6, 5 * 5 * 0.05};
