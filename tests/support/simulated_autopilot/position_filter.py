@@ -2,8 +2,8 @@
 
 From NavEKF3_PosVelFusion.cpp: a position passes while the innovation is within five standard deviations of filter and
 receiver together (EK3_POS_I_GATE, EK3_VEL_I_GATE); when none has passed for ten seconds, or the filter is less sure than
-EK3_GLITCH_RAD, it is *reset* to the receiver. So it is to another receiver that takes over, at once and without a gate; where that one states more than the radius allows, the
-next fixes reset it as well, until it is surer.
+EK3_GLITCH_RAD, it is *reset* to the receiver. So it is to another receiver that takes over, at once and without a gate;
+where that one states more than the radius allows, the next fixes reset it as well, until it is surer.
 Between fixes it integrates accelerations; without any it holds the airspeed and the last known wind, as EKF3 does with an
 airspeed sensor. Both axes share one covariance.
 """
