@@ -7,7 +7,8 @@ Real photos (shared/data, see its README) go through `nadir replay --adjust`; wh
 flights through bench_adjusted_flight. Errors are given as they are, and with their median offset taken out, which is mostly
 the map's own (fengyuan: about 5 m). The truth of arroio is where the middle of each picture lies, by hand and by an independent
 registration on the same map, not where the camera was: what that differs by in the aircraft's axes, its median, is taken out as well.
-The orthophoto of the adjusted poses is measured by bench_mosaic: seams, and steps of exposure before and after they are balanced.
+The orthophoto of the adjusted poses is measured by bench_mosaic: seams, and steps of exposure, before and after the exposures are balanced, and
+over the shape of the ground that the photos show.
 --mosaics DIR keeps its pictures.
 """
 import argparse
@@ -127,6 +128,9 @@ def real(programs, data, name, folder, mosaics):
           f"boresight {boresight}")
     shown = json.loads(run(programs / "bench_mosaic", work / "out/poses.json", place / "frames", place / "telemetry.csv", place / "camera.yaml",
                            options["shrink"], (mosaics or work) / name))
+    made = shown.pop("surface")
+    print(f"  shape of the ground from {made['pairs']} pairs, {made['measured']} parts of {made['pixel_m']:.2f} m a pixel; left: {made['along_px']:.2f} px "
+          f"along, {made['across_px']:.2f} px across the direction of heights")
     for kind, m in shown.items():
         print(f"  orthophoto {kind}: {m['measured']} of {m['seams']} seams {m['median_px']:.2f} px median, {m['p95_px']:.2f} 95 %, pixels of "
               f"{m['pixel_m']:.2f} m; steps {m['median_step']:.2f} grey levels median, {m['p95_step']:.2f} 95 %")
@@ -142,7 +146,7 @@ def simulated(program, seeds):
         a = result["adjustment"]
         print(f"  {a['tie_points']} tie points, {a['observations']} observations, reprojection {a['mean_reprojection_px']:.2f} px, anchors {a['anchors']}, "
               f"switched off {len(a['anchors_switched_off'])}, floating {a['floating_frames']}, {a['outcome']}, {result['cpu_s']:.0f} s of CPU", flush=True)
-        for kind in ("adjusted", "adjusted_balanced"):
+        for kind in ("adjusted", "adjusted_balanced", "adjusted_level_ground", "adjusted_own_surface"):
             m = result["seams"][kind]
             print(f"  orthophoto {kind}: {m['measured']} seams {m['median_px']:.2f} px median, {m['p95_px']:.2f} 95 %; steps {m['median_step']:.2f} "
                   f"grey levels median, {m['p95_step']:.2f} 95 %", flush=True)

@@ -1,6 +1,7 @@
 // A flight from pictures, online, smoothed and adjusted, against the truth: 300 frames over a world in memory, along
 // four legs with a sharp turn between each two, five pictures of another place, and a fifth of the way without a map.
-// And the seams of its orthophoto, with the poses of each of the three.
+// And the seams of its orthophoto, by the poses as processed and adjusted, over terrain, level ground and its own
+// surface.
 //
 // Usage: bench_adjusted_flight [SEED [FRAMES [MOSAIC.png]]]    the orthophoto by adjusted poses goes to MOSAIC.png, and
 // with the exposures as they were to MOSAIC.png.as-exposed.png
@@ -24,6 +25,7 @@
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
+#include "ortho/surface_model.hpp"
 #include "replay/score.hpp"
 #include "safety_camera.hpp"
 #include "safety_world.hpp"
@@ -131,10 +133,29 @@ nlohmann::json json_from(const Figures& f) {
           {"nees_without_map_error", f.own_nees}};
 }
 
-// Of the frames that have a position: as processed, smoothed, adjusted. No picture of another place is part of it.
+// What a map without an elevation model says of the ground.
+class LevelGround final : public GroundSurface {
+ public:
+  explicit LevelGround(double height_m) : height_m_(height_m) {}
+  double height_m(PlanePoint) const override { return height_m_; }
+  double relief_sigma_m() const override { return 0; }
+
+ private:
+  double height_m_;
+};
+
+FramePoses over(const GroundSurface& surface, const GroundSurface& terrain, FramePoses poses) {
+  for (auto& pose : poses) {
+    if (pose) pose->agl_m += terrain.height_m(pose->position) - surface.height_m(pose->position);
+  }
+  return poses;
+}
+
+// Of the frames that have a position: as processed, and adjusted over the terrain, over level ground, and over the
+// shape of the ground that the pictures show where no terrain is known. No picture of another place is part of it.
 nlohmann::json seams_of(const FlightStore& store, const FlightToAdjust& flight, const AdjustedFlight& adjusted,
-                        const std::vector<bool>& outlier, const GroundSurface& surface, const std::string& mosaic) {
-  FramePoses online(outlier.size()), smoothed(outlier.size()), after(outlier.size());
+                        const std::vector<bool>& outlier, const GroundSurface& terrain, const std::string& mosaic) {
+  FramePoses online(outlier.size()), after(outlier.size());
   const auto estimates = store.estimates(EstimateKind::online);
   for (std::size_t i = 0; i < outlier.size(); ++i) {
     if (outlier[i]) continue;
@@ -145,19 +166,24 @@ nlohmann::json seams_of(const FlightStore& store, const FlightToAdjust& flight, 
                    state.agl_m,
                    {state.heading_rad, telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)}};
     }
-    if (flight.refined[i].position) smoothed[i] = flight.smoothed[i].pose;
     if (adjusted.estimates[i].position) after[i] = adjusted.block.frames[i].pose;
   }
-  const CameraModel& camera = flight.camera.camera;
-  const CameraModel calibrated = adjusted_poses(adjusted).lens.applied_to(camera);
-  const BenchImageOf balanced = balanced_images(calibrated, surface, after, flight.image_of);
+  const CameraModel camera = adjusted_poses(adjusted).lens.applied_to(flight.camera.camera);
+  const LevelGround level(terrain.height_m({0, 0}));
+  const FramePoses over_level = over(level, terrain, after);
+  NoProgress progress;
+  const SurfaceModel shape = surface_from_frames(camera, level, over_level, flight.image_of, progress);
   cv::Mat orthophoto, as_exposed;
+  const auto of = [&](const GroundSurface& surface, const FramePoses& poses, const BenchImageOf& image_of,
+                      cv::Mat* shown = nullptr) {
+    return json_from(seams(camera, flight.plane, surface, poses, image_of, shown));
+  };
   const nlohmann::json document{
-      {"online", json_from(seams(camera, flight.plane, surface, online, flight.image_of))},
-      {"refined", json_from(seams(camera, flight.plane, surface, smoothed, flight.image_of))},
-      {"adjusted", json_from(seams(calibrated, flight.plane, surface, after, flight.image_of, &as_exposed))},
-      {"adjusted_balanced", json_from(seams(calibrated, flight.plane, surface, after, balanced, &orthophoto))},
-      {"adjusted_nominal_lens", json_from(seams(camera, flight.plane, surface, after, flight.image_of))}};
+      {"online", of(terrain, online, flight.image_of)},
+      {"adjusted", of(terrain, after, flight.image_of, &as_exposed)},
+      {"adjusted_balanced", of(terrain, after, balanced_images(camera, terrain, after, flight.image_of), &orthophoto)},
+      {"adjusted_level_ground", of(level, over_level, flight.image_of)},
+      {"adjusted_own_surface", of(shape, over(shape, level, over_level), flight.image_of)}};
   if (!mosaic.empty()) {
     write_file_atomic(mosaic, encode_image(orthophoto, ImageFormat::png));
     write_file_atomic(mosaic + ".as-exposed.png", encode_image(as_exposed, ImageFormat::png));

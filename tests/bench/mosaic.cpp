@@ -1,8 +1,10 @@
 // The orthophoto of photos by the poses that `nadir replay --adjust` wrote: how far its parts are displaced where they
-// meet, and the steps of their levels there, as they were exposed and balanced (seams.hpp). Over level ground.
+// meet, and the steps of their levels there (seams.hpp). Over level ground as they were exposed and balanced, and
+// balanced over the shape of the ground that the photos themselves show (ortho/surface_model.hpp).
 //
 // Usage: bench_mosaic POSES.json FRAMES TELEMETRY.csv CAMERA.yaml SHRINK OUT
-//   SHRINK: 1, 2, 4 or 8, of the photos. Writes OUT-as-exposed.png and OUT-balanced.png, prints JSON.
+//   SHRINK: 1, 2, 4 or 8, of the photos. Writes OUT-as-exposed.png, OUT-balanced.png and OUT-own-surface.png, prints
+//   JSON.
 #include <fmt/format.h>
 
 #include <cstdlib>
@@ -12,6 +14,7 @@
 #include "base/files.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/frame_image.hpp"
+#include "ortho/surface_model.hpp"
 #include "replay/flight_folder.hpp"
 #include "replay/poses_file.hpp"
 #include "replay/score.hpp"
@@ -31,17 +34,32 @@ void run(char** argv) {
   const BenchImageOf as_exposed = [&](std::size_t i) {
     return read_frame_file(flight.image_path(i), Colour::bgr, shrink);
   };
-  const FlatGround ground;
+  const FlatGround level;
   const LocalFrame plane(document.subject.origin);
-  nlohmann::json result;
-  for (const bool balanced : {false, true}) {
-    const std::string name = balanced ? "balanced" : "as-exposed";
-    cv::Mat mosaic;
-    result[name] =
-        json_from(seams(camera, plane, ground, poses,
-                        balanced ? balanced_images(camera, ground, poses, as_exposed) : as_exposed, &mosaic));
-    write_file_atomic(fmt::format("{}-{}.png", argv[6], name), encode_image(mosaic, ImageFormat::png));
+  NoProgress progress;
+  SurfaceModelFigures made;
+  const SurfaceModel shape = surface_from_frames(
+      camera, level, poses, [&](std::size_t i) { return read_frame_file(flight.image_path(i), Colour::grey, shrink); },
+      progress, &made);
+  FramePoses over_shape = poses;
+  for (auto& pose : over_shape) {
+    if (pose) pose = shape.over_surface(*pose);
   }
+  nlohmann::json result;
+  const auto show = [&](const std::string& name, const GroundSurface& surface, const FramePoses& over_surface,
+                        const BenchImageOf& image_of) {
+    cv::Mat mosaic;
+    result[name] = json_from(seams(camera, plane, surface, over_surface, image_of, &mosaic));
+    write_file_atomic(fmt::format("{}-{}.png", argv[6], name), encode_image(mosaic, ImageFormat::png));
+  };
+  show("as-exposed", level, poses, as_exposed);
+  show("balanced", level, poses, balanced_images(camera, level, poses, as_exposed));
+  show("own-surface", shape, over_shape, balanced_images(camera, shape, over_shape, as_exposed));
+  result["surface"] = {{"pairs", made.pairs},
+                       {"measured", made.measured},
+                       {"pixel_m", made.pixel_m},
+                       {"along_px", made.along_px},
+                       {"across_px", made.across_px}};
   fmt::print("{}\n", result.dump());
 }
 

@@ -42,7 +42,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres
   desk          stored flights and the desk: creating one, a batch of pictures, a frame, its event, an object's place, resuming (two minutes)
   segments      floating segments placed as wholes: right, wrongly, how far off; with the land on the map and without (SEEDS [FIRST [ROWS]]; 20 minutes)
-  large-desk    3000 pictures of 26 megapixels through nadir desk serve: memory, throughput, disk (FOLDER; --frames N; two hours, 30 GB)
+  large-desk    3000 pictures of 26 megapixels through nadir desk serve: memory, throughput, disk (FOLDER; --frames N; twenty minutes, 11 GB)
   large-flight  a stored flight of 3000 pictures of 26 megapixels: memory, time, drift (FOLDER [FRAMES]; half an hour, 14 GB)
   adjusted      flights from pictures, adjusted as a whole: photos of shared/data and simulated ones (15 minutes; --only NAME, --seeds N)
   adjustment    block adjustment of a drawn survey: 3000 frames, 200 000 observations (two minutes; --frames N)

@@ -30,6 +30,8 @@ class SimulatedFlight(unittest.TestCase):
         self.assertLess(seams["adjusted"]["median_px"], seams["online"]["median_px"], seams)
         self.assertGreater(seams["adjusted"]["median_step"], 5, "each frame is exposed differently")
         self.assertLess(seams["adjusted_balanced"]["p95_step"], 2, seams)
+        self.assertLessEqual(seams["adjusted_own_surface"]["median_px"], 1, "where no terrain is known")
+        self.assertLess(seams["adjusted_own_surface"]["median_px"], seams["adjusted_level_ground"]["median_px"] / 2, seams)
 
 
 if __name__ == "__main__":

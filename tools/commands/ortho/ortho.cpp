@@ -6,10 +6,12 @@
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <ostream>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "base/error.hpp"
@@ -26,11 +28,13 @@
 #include "imagery/mbtiles.hpp"
 #include "ortho/candidate_maker.hpp"
 #include "ortho/radiometric_balance.hpp"
+#include "ortho/surface_model.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "package_build/candidate_mosaic.hpp"
 #include "replay/flight_request.hpp"
 #include "token_keys/token_key.hpp"
 #include "vision/camera_frame.hpp"
+#include "vision/rolling_shutter.hpp"
 
 namespace nadir {
 namespace {
@@ -144,7 +148,7 @@ TilesSummary make_flight_tiles(CandidateMaker& maker, CandidateStore& store, con
                                const std::vector<RadiometricCorrection>& corrections, Progress& progress) {
   TilesSummary summary;
   summary.frames = flight.frames.size();
-  progress.begin(corrections.empty() ? "tiles" : "balanced tiles", flight.frames.size(), "frames");
+  progress.begin(corrections.empty() ? "tiles" : "tiles of the mosaic", flight.frames.size(), "frames");
   for (std::size_t i = 0; i < flight.frames.size(); ++i) {
     const Telemetry& telemetry = flight.frames[i];
     const double since_s = telemetry.time_s - flight.frames.front().time_s;
@@ -168,25 +172,61 @@ TilesSummary make_flight_tiles(CandidateMaker& maker, CandidateStore& store, con
   return summary;
 }
 
-// camera: of the pictures at full size, with the lens that the poses belong to.
-std::vector<RadiometricCorrection> balanced(const Flight& flight, const std::vector<std::optional<FramePose>>& poses,
-                                            const CameraModel& camera, const GroundSurface& surface,
-                                            Progress& progress) {
-  RadiometricBalance balance(surface);
-  const int shrink = decode_reduction(camera.width, camera.height);
-  const CameraModel reduced = camera.scaled(1.0 / shrink);
-  progress.begin("exposures", flight.frames.size(), "frames");
-  for (std::size_t i = 0; i < flight.frames.size(); ++i, progress.advance(1)) {
-    if (!poses[i]) continue;
+// The pictures of a flight for what they say together, smaller than they are.
+class FlightPictures {
+ public:
+  // camera: of the pictures at full size, with the lens that the poses belong to.
+  FlightPictures(const Flight& flight, const std::vector<std::optional<FramePose>>& poses, const CameraModel& camera)
+      : flight_(flight),
+        poses_(poses),
+        shrink_(decode_reduction(camera.width, camera.height)),
+        camera_(camera.scaled(1.0 / shrink_)) {}
+
+  const CameraModel& camera() const { return camera_; }
+
+  // Empty for a frame without a pose, and for a damaged one, of which there are no tiles either.
+  cv::Mat of(std::size_t frame, Colour colour) const {
+    if (!poses_[frame]) return {};
     try {
-      const cv::Mat picture = read_frame_file(flight.image_path(i), Colour::bgr, shrink);
-      if (picture.cols != reduced.width || picture.rows != reduced.height) continue;
-      balance.add(static_cast<std::uint32_t>(i), picture, reduced, poses[i]->pose);
-    } catch (const Error&) {  // a damaged frame, of which there are no tiles either
+      const cv::Mat picture = read_frame_file(flight_.image_path(frame), colour, shrink_);
+      if (picture.cols != camera_.width || picture.rows != camera_.height) return {};
+      if (!flight_.camera.readout) return picture;
+      const auto& [pose, motion] = std::tie(poses_[frame]->pose, poses_[frame]->motion);
+      return without_rolling_shutter(picture, camera_, *flight_.camera.readout,
+                                     {pose.attitude, pose.agl_m, motion.velocity_mps, motion.rate_rad_s});
+    } catch (const Error&) {
+      return {};
     }
   }
+
+ private:
+  const Flight& flight_;
+  const std::vector<std::optional<FramePose>>& poses_;
+  int shrink_;
+  CameraModel camera_;
+};
+
+SurfaceModel surface_from(const FlightPictures& pictures, const std::vector<std::optional<FramePose>>& poses,
+                          const GroundSurface& terrain, Progress& progress) {
+  std::vector<std::optional<CameraPose>> over_terrain(poses.size());
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    if (poses[i]) over_terrain[i] = poses[i]->pose;
+  }
+  return surface_from_frames(
+      pictures.camera(), terrain, over_terrain, [&](std::size_t i) { return pictures.of(i, Colour::grey); }, progress);
+}
+
+std::vector<RadiometricCorrection> balanced(const FlightPictures& pictures,
+                                            const std::vector<std::optional<FramePose>>& poses,
+                                            const GroundSurface& surface, Progress& progress) {
+  RadiometricBalance balance(surface);
+  progress.begin("exposures", poses.size(), "frames");
+  for (std::size_t i = 0; i < poses.size(); ++i, progress.advance(1)) {
+    const cv::Mat picture = pictures.of(i, Colour::bgr);
+    if (!picture.empty()) balance.add(static_cast<std::uint32_t>(i), picture, pictures.camera(), poses[i]->pose);
+  }
   progress.end();
-  return balance.solve(flight.frames.size());
+  return balance.solve(poses.size());
 }
 
 nlohmann::json json_from(const TilesSummary& s) {
@@ -311,7 +351,7 @@ void OrthoCommand::setup(Options& options) {
   options.value("--frame-ms", frame_ms_, "MS", "maximum time for the tiles of one frame, as in flight; 0: no limit")
       .between(0, 60'000);
   options.value("--mosaic", mosaic_, "FILE.tif", "also write the tiles as a COG, and FILE.html beside it");
-  options.flag("--as-exposed", as_exposed_, "the mosaic shows the tiles as they are, with steps between exposures")
+  options.flag("--as-exposed", as_exposed_, "the mosaic shows the tiles as they are: over the package's terrain, exposures not balanced")
       .needs("--mosaic");
 }
 
@@ -358,27 +398,33 @@ int OrthoCommand::run(Context& context) {
                              .merge_partial_tiles = !single_frame_};
   const CandidateStoreOptions storing{.format = format,
                                       .budget_bytes = static_cast<std::uint64_t>(budget_mb_) * 1'000'000};
-  const auto make_tiles = [&](const std::filesystem::path& folder,
+  const auto make_tiles = [&](const std::filesystem::path& folder, const std::vector<std::optional<FramePose>>& poses,
                               const std::vector<RadiometricCorrection>& corrections) {
     CandidateMaker maker(candidates);
     CandidateStore store(folder, storing);
-    TilesSummary made =
-        make_flight_tiles(maker, store, flight, posed.poses, first, frame_ms_, corrections, context.progress);
+    TilesSummary made = make_flight_tiles(maker, store, flight, poses, first, frame_ms_, corrections, context.progress);
     store.close();
     return made;
   };
-  const TilesSummary summary = make_tiles(staging.path(), {});
-  // What people look at: the same tiles without the steps between exposures. They are no candidates, and are gone with
-  // the key that signs them.
+  const TilesSummary summary = make_tiles(staging.path(), posed.poses, {});
+  // What people look at: the same tiles over the ground's own shape, without the steps between exposures. They are no
+  // candidates, and are gone with the key that signs them.
   const ScratchFolder scratch("nadir-ortho");
   std::filesystem::path shown = staging.path();
   if (mosaic_ && summary.tiles > 0 && !as_exposed_) {
     const CameraModel& nominal = flight.camera.camera;
-    const CameraModel camera = posed.lens ? posed.lens->applied_to(nominal) : nominal;
+    const FlightPictures pictures(flight, posed.poses, posed.lens ? posed.lens->applied_to(nominal) : nominal);
+    const SurfaceModel shape = surface_from(pictures, posed.poses, *surface, context.progress);
+    std::vector<std::optional<FramePose>> over_shape = posed.poses;
+    for (auto& pose : over_shape) {
+      if (pose) pose->pose = shape.over_surface(pose->pose);
+    }
     const PrivateKey passing_key = PrivateKey::generate();
     candidates.key = &passing_key;
-    const auto corrections = balanced(flight, posed.poses, camera, *surface, context.progress);
-    if (make_tiles(scratch.path(), corrections).tiles > 0) shown = scratch.path();
+    candidates.surface = &shape;
+    candidates.limits.max_slope = std::numeric_limits<double>::infinity();  // roofs and woods
+    const auto corrections = balanced(pictures, over_shape, shape, context.progress);
+    if (make_tiles(scratch.path(), over_shape, corrections).tiles > 0) shown = scratch.path();
   }
   std::filesystem::remove_all(unpacked);
 
