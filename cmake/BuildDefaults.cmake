@@ -13,6 +13,12 @@ endif()
 set(CMAKE_CXX_FLAGS_RELEASE "-O1 -g1 -DNDEBUG")
 set(NADIR_COMPUTES $<$<CONFIG:Release>:-O3>)
 
+# By default gcc looks for memory that it can free whenever its heap has doubled: a tenth of its time for units as large as ours.
+# The first 700 MB are not looked through here, and then what has grown fourfold: a unit takes up to 2.4 GB instead of 1.9.
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  add_compile_options("SHELL:--param ggc-min-heapsize=700000" "SHELL:--param ggc-min-expand=300")
+endif()
+
 # Results must not depend on whether the compiler contracts a*b+c.
 add_compile_options(-ffp-contract=off)
 if(CMAKE_SYSTEM_PROCESSOR STREQUAL "aarch64")

@@ -351,7 +351,9 @@ void OrthoCommand::setup(Options& options) {
   options.value("--frame-ms", frame_ms_, "MS", "maximum time for the tiles of one frame, as in flight; 0: no limit")
       .between(0, 60'000);
   options.value("--mosaic", mosaic_, "FILE.tif", "also write the tiles as a COG, and FILE.html beside it");
-  options.flag("--as-exposed", as_exposed_, "the mosaic shows the tiles as they are: over the package's terrain, exposures not balanced")
+  options
+      .flag("--as-exposed", as_exposed_,
+            "the mosaic shows the tiles as they are: over the package's terrain, exposures not balanced")
       .needs("--mosaic");
 }
 
