@@ -19,10 +19,12 @@ constexpr double kPixelsAcross = 600;              // of the longer side of a fo
 constexpr std::array kCoarser = {4, 2, 1, 1};      // pixels of each round over those of the last; chosen
 constexpr int kHeightCell_px = 16, kPart_px = 32;  // what gets a height, and what is registered for it; chosen
 constexpr int kReach_px = 8;                       // displacements that are looked for; chosen
-constexpr double kLeastContrast = 3;     // grey levels of a part: below it is noise; as of seams (tile_mosaic.cpp)
-constexpr double kLeastScore = 0.6;      // correlation coefficient; below it the two do not show the same; chosen
-constexpr double kLeastBase = 0.05;      // |s_b - s_a|: what is seen from one side has no height; chosen
-constexpr double kMostAcross_px = 1.5;   // beyond it the displacement is none by a height; chosen
+constexpr double kLeastContrast = 3;    // grey levels of a part: below it is noise; as of seams (tile_mosaic.cpp)
+constexpr double kLeastScore = 0.6;     // correlation coefficient; below it the two do not show the same; chosen
+constexpr double kLeastBase = 0.05;     // |s_b - s_a|: what is seen from one side has no height; chosen
+constexpr double kMostAcross_px = 1.5;  // beyond it the displacement is none by a height; chosen
+constexpr double kMostOfDepth = 0.3;    // a correction at once, of the height of the cameras above; chosen
+constexpr double kMostAbove = 2;  // times the usual height: a frame from higher up shows less than is wanted; chosen
 constexpr int kNeighbourDirections = 8;  // a frame is compared with the nearest in each; chosen
 constexpr std::size_t kLeastAround = 6;  // of nine cells, for their median to be one of a slope; chosen
 constexpr double kMostAway = 0.9;        // of a footprint, between the middles of two that are compared; chosen
@@ -34,7 +36,6 @@ std::uint64_t key_of(std::int32_t column, std::int32_t row) {
 std::int32_t cell_at(double at_m, double cell_m) { return static_cast<std::int32_t>(std::floor(at_m / cell_m)); }
 
 struct SurfaceFrame {
-  std::size_t number = 0;
   ReducedFrame picture;
   CameraPose pose;  // over the terrain
   double up_m = 0;  // of the camera, over the plane
@@ -103,6 +104,28 @@ Eigen::Vector2d lean(const SurfaceFrame& frame, PlanePoint ground, double height
   return (ground - frame.pose.position) / (frame.up_m - height_m);
 }
 
+// By how much a part of the ground is displaced in the second orthophoto against the first, pixels east and north;
+// nothing where they do not show the same.
+std::optional<Eigen::Vector2d> displacement_px(const RectifiedFrame& one, const RectifiedFrame& other,
+                                               const cv::Rect& part) {
+  const cv::Rect window(part.x - kReach_px, part.y - kReach_px, part.width + 2 * kReach_px,
+                        part.height + 2 * kReach_px);
+  if ((window & cv::Rect({0, 0}, one.mask.size())) != window) return std::nullopt;
+  if (cv::countNonZero(one.mask(part)) != part.area() || cv::countNonZero(other.mask(window)) != window.area()) {
+    return std::nullopt;
+  }
+  cv::Scalar mean, deviation;
+  cv::meanStdDev(one.image(part), mean, deviation);
+  if (!(deviation[0] >= kLeastContrast)) return std::nullopt;
+  cv::Mat scores;
+  cv::matchTemplate(other.image(window), one.image(part), scores, cv::TM_CCOEFF_NORMED);
+  const Peak peak = best_peak(scores);
+  const bool inside = std::abs(peak.x - kReach_px) < kReach_px && std::abs(peak.y - kReach_px) < kReach_px;
+  if (!inside || !(peak.score >= kLeastScore)) return std::nullopt;
+  return Eigen::Vector2d(peak.x - kReach_px, kReach_px - peak.y);
+}
+
+// The orthophotos of two frames over one grid, whose cells are those of the model.
 void compare(const SurfaceFrame& a, const SurfaceFrame& b, const SurfaceModel& surface, Round& round) {
   const PlaneBox both{std::max(a.seen.west_m, b.seen.west_m), std::max(a.seen.south_m, b.seen.south_m),
                       std::min(a.seen.east_m, b.seen.east_m), std::min(a.seen.north_m, b.seen.north_m)};
@@ -110,43 +133,32 @@ void compare(const SurfaceFrame& a, const SurfaceFrame& b, const SurfaceModel& s
   const std::int32_t west = cell_at(both.west_m, cell_m), south = cell_at(both.south_m, cell_m);
   const std::int32_t columns = cell_at(both.east_m, cell_m) + 1 - west,
                      rows = cell_at(both.north_m, cell_m) + 1 - south;
-  constexpr int kAside_px = kPart_px / 2 + kReach_px;
-  if (columns * kHeightCell_px < 2 * kAside_px || rows * kHeightCell_px < 2 * kAside_px) return;
+  constexpr int kLeast_px = kPart_px + 2 * kReach_px;
+  if (columns * kHeightCell_px < kLeast_px || rows * kHeightCell_px < kLeast_px) return;
   const GroundGrid grid{west * cell_m, (south + rows) * cell_m, round.gsd_m, columns * kHeightCell_px,
                         rows * kHeightCell_px};
   const auto seen_by = [&](const SurfaceFrame& frame) {
     return rectify(frame.picture, surface.over_surface(frame.pose), grid, surface);
   };
   const RectifiedFrame of_a = seen_by(a), of_b = seen_by(b);
-  cv::Mat scores;
   for (int row = 1; row < rows; ++row) {
     for (int column = 1; column < columns; ++column) {
-      const cv::Rect part(column * kHeightCell_px - kPart_px / 2, row * kHeightCell_px - kPart_px / 2, kPart_px,
-                          kPart_px);
-      const cv::Rect window(part.x - kReach_px, part.y - kReach_px, kPart_px + 2 * kReach_px, kPart_px + 2 * kReach_px);
-      if ((window & cv::Rect(0, 0, grid.columns, grid.rows)) != window) continue;
       const PlanePoint at = grid.plane_from_pixel(column * kHeightCell_px, row * kHeightCell_px);
       const double height_m = surface.height_m(at);
       const Eigen::Vector2d base = lean(b, at, height_m) - lean(a, at, height_m);
       if (!(base.norm() >= kLeastBase)) continue;
-      if (cv::countNonZero(of_a.mask(part)) != part.area() || cv::countNonZero(of_b.mask(window)) != window.area()) {
-        continue;
-      }
-      cv::Scalar mean, deviation;
-      cv::meanStdDev(of_a.image(part), mean, deviation);
-      if (!(deviation[0] >= kLeastContrast)) continue;
-      cv::matchTemplate(of_b.image(window), of_a.image(part), scores, cv::TM_CCOEFF_NORMED);
-      const Peak peak = best_peak(scores);
-      const bool inside = peak.x >= 1 && peak.y >= 1 && peak.x <= 2 * kReach_px - 1 && peak.y <= 2 * kReach_px - 1;
-      if (!inside || !(peak.score >= kLeastScore)) continue;
-      const Eigen::Vector2d moved_px(peak.x - kReach_px, kReach_px - peak.y);  // east and north
+      const auto moved_px = displacement_px(
+          of_a, of_b,
+          {column * kHeightCell_px - kPart_px / 2, row * kHeightCell_px - kPart_px / 2, kPart_px, kPart_px});
+      if (!moved_px) continue;
       const Eigen::Vector2d along = base.normalized();
-      const double along_px = moved_px.dot(along), across_px = moved_px.x() * along.y() - moved_px.y() * along.x();
-      if (std::abs(across_px) > kMostAcross_px) continue;
+      const double along_px = moved_px->dot(along), across_px = moved_px->x() * along.y() - moved_px->y() * along.x();
+      const double correction_m = along_px * round.gsd_m / base.norm();
+      const double depth_m = std::min(a.up_m, b.up_m) - height_m;
+      if (std::abs(across_px) > kMostAcross_px || !(std::abs(correction_m) <= kMostOfDepth * depth_m)) continue;
       round.along_px.push_back(std::abs(along_px));
       round.across_px.push_back(std::abs(across_px));
-      round.heights.push_back(
-          {south + rows - row, west + column, along_px * round.gsd_m / base.norm(), base.squaredNorm()});
+      round.heights.push_back({south + rows - row, west + column, correction_m, base.squaredNorm()});
     }
   }
 }
@@ -254,11 +266,11 @@ SurfaceModel surface_from_frames(const CameraModel& camera, const GroundSurface&
   for (std::size_t i = 0; i < poses.size(); ++i, progress.advance(1)) {
     if (!poses[i]) continue;
     const CameraPose& pose = *poses[i];
-    const auto seen = footprint_of(camera, pose);
+    const auto seen = pose.agl_m <= kMostAbove * agl_m ? footprint_of(camera, pose) : std::nullopt;
     const cv::Mat picture = seen ? picture_of(i) : cv::Mat();
     const auto middle = ground_from_ray(pose, camera.ray_from_pixel({camera.cx, camera.cy}));
     if (picture.empty() || !middle) continue;
-    frames.push_back({i, reduce_frame(picture, camera, pose.agl_m, gsd_m), pose,
+    frames.push_back({reduce_frame(picture, camera, pose.agl_m, gsd_m), pose,
                       terrain.height_m(pose.position) + pose.agl_m, *seen, *middle});
   }
   progress.end();

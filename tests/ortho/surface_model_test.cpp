@@ -177,6 +177,8 @@ TEST_F(SurfaceOfFrames, NothingToCompareLeavesTheTerrain) {
   EXPECT_LT(2, with_next([](Taken&) {}));
   EXPECT_EQ(0, with_next([](Taken& frame) { frame.over_plane.position.east_m = 2000; }));
   EXPECT_EQ(0, with_next([](Taken& frame) { frame.picture = cv::Mat(); })) << "a picture that was lost";
+  EXPECT_EQ(0, with_next([](Taken& frame) { frame.over_plane.agl_m = 9000; })) << "from far above";
+  EXPECT_EQ(0, with_next([](Taken& frame) { frame.over_plane.agl_m = -20; })) << "from below";
   EXPECT_EQ(0, with_next([](Taken& frame) { frame.over_plane.attitude.pitch_rad = 1.4; })) << "towards the horizon";
   EXPECT_EQ(0, found({one}, flat_).height_m({0, 0}));
   EXPECT_EQ(0, found({}, flat_).height_m({0, 0}));
