@@ -28,6 +28,12 @@ TelemetryUncertainty sensors() {
   return uncertainty;
 }
 
+// One draw a statement: compilers evaluate the arguments of a call in different orders, arm64's other than amd64's.
+Vector2d drawn(Random& random, double sigma) {
+  const double second = random.normal(0, sigma);
+  return {random.normal(0, sigma), second};
+}
+
 struct Blackout {
   std::vector<FlightStep> steps;
   std::vector<Vector2d> truth;
@@ -39,7 +45,7 @@ struct Blackout {
     const TelemetryUncertainty sigma = sensors();
     const double bias = random.normal(0, sigma.heading_rad);
     double heading = random.uniform(-kPi, kPi);
-    const Vector2d wind(random.normal(0, 2.5), random.normal(0, 2.5));
+    const Vector2d wind = drawn(random, 2.5);
     const auto over_ground = [&]() -> Vector2d {
       return wind + kSpeed_mps * Vector2d(std::sin(heading), std::cos(heading));
     };
@@ -62,7 +68,7 @@ struct Blackout {
                     -std::sin(bias) * dv.x() + std::cos(bias) * dv.y());
       for (double& axis : dv) axis += random.normal(0, sigma.imu_dv_mps * std::sqrt(kStep_s));
       if (imu) step.imu_dv_mps = dv;
-      if (i <= 20) step.anchor = position_measurement(at + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
+      if (i <= 20) step.anchor = position_measurement(at + drawn(random, 3), 3);
       steps.push_back(step);
       truth.push_back(at);
     }
@@ -187,9 +193,9 @@ struct Gap {
     const TelemetryUncertainty sigma = interval_sensors();
     const double bias = random.normal(0, sigma.heading_rad);
     const double level_rad = 0.3 * sigma.tilt_rad;
-    const Vector2d lean(random.normal(0, level_rad), random.normal(0, level_rad));  // forward, right
+    const Vector2d lean = drawn(random, level_rad);  // forward, right
     double heading = random.uniform(-kPi, kPi);
-    const Vector2d wind(random.normal(0, 4), random.normal(0, 4));
+    const Vector2d wind = drawn(random, 4);
     const auto over_ground = [&]() -> Vector2d {
       return wind + kGroundSpeed_mps * Vector2d(std::sin(heading), std::cos(heading));
     };
@@ -218,7 +224,7 @@ struct Gap {
       step.seconds = interval.seconds;
       step.measured_heading_rad = interval.heading_rad;
       step.imu_dv_mps = interval.imu_dv_mps;
-      step.anchor = position_measurement(end + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
+      step.anchor = position_measurement(end + drawn(random, 3), 3);
     }
     const double half_s = kPi / kTurnRate_rps / 2;
     FlightStep& last = steps.emplace_back();
