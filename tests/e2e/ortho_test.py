@@ -42,6 +42,7 @@ class Ortho(EndToEnd):
     def test_a_flight_becomes_signed_tiles_reproducibly(self):
         f = self.folder
         summary = json.loads(self.good(*self.ask(f / "a", mosaic=f / "a.tif"), "--json").stdout)
+        self.assertLess(summary["mosaic"]["fit_m"], 0.5, "the frames fit")
         self.assertEqual(5, summary["frames"])
         self.assertGreaterEqual(summary["tiles"], 1)
         self.good(*self.ask(f / "b", mosaic=f / "b.tif"))

@@ -207,13 +207,14 @@ class FlightPictures {
 };
 
 SurfaceModel surface_from(const FlightPictures& pictures, const std::vector<std::optional<FramePose>>& poses,
-                          const GroundSurface& terrain, Progress& progress) {
+                          const GroundSurface& terrain, Progress& progress, SurfaceModelFigures& figures) {
   std::vector<std::optional<CameraPose>> over_terrain(poses.size());
   for (std::size_t i = 0; i < poses.size(); ++i) {
     if (poses[i]) over_terrain[i] = poses[i]->pose;
   }
   return surface_from_frames(
-      pictures.camera(), terrain, over_terrain, [&](std::size_t i) { return pictures.of(i, Colour::grey); }, progress);
+      pictures.camera(), terrain, over_terrain, [&](std::size_t i) { return pictures.of(i, Colour::grey); }, progress,
+      &figures);
 }
 
 std::vector<RadiometricCorrection> balanced(const FlightPictures& pictures,
@@ -413,10 +414,11 @@ int OrthoCommand::run(Context& context) {
   // candidates, and are gone with the key that signs them.
   const ScratchFolder scratch("nadir-ortho");
   std::filesystem::path shown = staging.path();
+  SurfaceModelFigures fit;  // of the frames' orthophotos to each other
   if (mosaic_ && summary.tiles > 0 && !as_exposed_) {
     const CameraModel& nominal = flight.camera.camera;
     const FlightPictures pictures(flight, posed.poses, posed.lens ? posed.lens->applied_to(nominal) : nominal);
-    const SurfaceModel shape = surface_from(pictures, posed.poses, *surface, context.progress);
+    const SurfaceModel shape = surface_from(pictures, posed.poses, *surface, context.progress, fit);
     std::vector<std::optional<FramePose>> over_shape = posed.poses;
     for (auto& pose : over_shape) {
       if (pose) pose->pose = shape.over_surface(pose->pose);
@@ -437,6 +439,11 @@ int OrthoCommand::run(Context& context) {
     document["advice"] = *advice;
     if (!context.quiet) context.err << "note: " << *advice << '\n';
   }
+  if (fit.measured > 0) {
+    figures.emplace_back("frames fit in the mosaic",
+                         fmt::format("to {:.2f} m (median of {} in {} of frames)", fit.along_px * fit.pixel_m,
+                                     count(fit.measured, "place"), count(fit.pairs, "pair")));
+  }
   if (mosaic_ && summary.tiles > 0) {
     const CandidateMosaic mosaic = write_candidate_mosaic(shown, *mosaic_, context.progress);
     const MbtilesReader tiles(shown / kCandidateFile);
@@ -456,6 +463,7 @@ int OrthoCommand::run(Context& context) {
                           {"zoom", mosaic.zoom},
                           {"width", mosaic.width},
                           {"height", mosaic.height}};
+    if (fit.measured > 0) document["mosaic"]["fit_m"] = fit.along_px * fit.pixel_m;
     figures.emplace_back("mosaic", fmt::format("{}, {} x {} pixels, zoom {}", mosaic_->string(), mosaic.width,
                                                mosaic.height, mosaic.zoom));
     figures.emplace_back("page", page_file.string());
