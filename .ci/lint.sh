@@ -13,7 +13,7 @@ python3 - build/lint/compile_commands.json <<'P' || exit 2
 import json, os, re, sys
 commands = json.load(open(sys.argv[1]))
 for entry in commands:
-    entry["command"] = re.sub(r"-include \S*cmake_pch\.hxx|-Winvalid-pch|-Wduplicated-cond|-Wlogical-op|-Wno-stringop-overflow|-Wno-maybe-uninitialized|-Wno-restrict", "", entry["command"])
+    entry["command"] = re.sub(r"-include \S*cmake_pch\.hxx|-Winvalid-pch|-Wduplicated-cond|-Wlogical-op|-Wno-stringop-overflow|-Wno-maybe-uninitialized|-Wno-restrict|-Wno-subobject-linkage|--param \S+", "", entry["command"])
 json.dump(commands, open("build/lint/compile_commands.json", "w"))
 P
 printf '%s\0' "${sources[@]}" | xargs -0 -n 4 -P "$(nproc)" clang-tidy-19 --quiet -p build/lint || failed=1

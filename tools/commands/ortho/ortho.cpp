@@ -188,7 +188,7 @@ class FlightPictures {
   cv::Mat of(std::size_t frame, Colour colour) const {
     if (!poses_[frame]) return {};
     try {
-      const cv::Mat picture = read_frame_file(flight_.image_path(frame), colour, shrink_);
+      cv::Mat picture = read_frame_file(flight_.image_path(frame), colour, shrink_);
       if (picture.cols != camera_.width || picture.rows != camera_.height) return {};
       if (!flight_.camera.readout) return picture;
       const auto& [pose, motion] = std::tie(poses_[frame]->pose, poses_[frame]->motion);
