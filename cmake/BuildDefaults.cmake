@@ -14,7 +14,7 @@ set(CMAKE_CXX_FLAGS_RELEASE "-O1 -g1 -DNDEBUG")
 set(NADIR_COMPUTES $<$<CONFIG:Release>:-O3>)
 
 # By default gcc looks for memory that it can free whenever its heap has doubled: a tenth of its time for units as large as ours.
-# The first 700 MB are not looked through here, and then what has grown fourfold: a unit takes up to 2.4 GB instead of 1.9.
+# The first 700 MB are not looked through here, and then what has grown fourfold: a unit takes up to 2.2 GB instead of 1.8.
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   add_compile_options("SHELL:--param ggc-min-heapsize=700000" "SHELL:--param ggc-min-expand=300")
 endif()

@@ -27,7 +27,8 @@ constexpr double kMostOfDepth = 0.3;    // a correction at once, of the height o
 constexpr double kMostAbove = 2;  // times the usual height: a frame from higher up shows less than is wanted; chosen
 constexpr int kNeighbourDirections = 8;  // a frame is compared with the nearest in each; chosen
 constexpr std::size_t kLeastAround = 6;  // of nine cells, for their median to be one of a slope; chosen
-constexpr double kMostAway = 0.9;        // of a footprint, between the middles of two that are compared; chosen
+// Of a footprint, between the middles of two that are compared: closer ones see the ground from one side; chosen.
+constexpr double kLeastAway = 0.1, kMostAway = 0.9;
 
 std::uint64_t key_of(std::int32_t column, std::int32_t row) {
   return static_cast<std::uint64_t>(static_cast<std::uint32_t>(column)) << 32 | static_cast<std::uint32_t>(row);
@@ -70,18 +71,20 @@ double median(std::vector<double>& values) {
   return *middle;
 }
 
-// Each frame and the nearest in each direction: those whose parts of an orthophoto meet.
+// Each frame and the nearest in each direction that sees the ground from another side: those whose parts of an
+// orthophoto meet.
 std::vector<std::pair<std::size_t, std::size_t>> neighbours(const std::vector<SurfaceFrame>& frames, double side_m) {
   std::set<std::pair<std::size_t, std::size_t>> pairs;
   for (std::size_t i = 0; i < frames.size(); ++i) {
     std::array<std::pair<double, std::size_t>, kNeighbourDirections> nearest;
     nearest.fill({kMostAway * side_m, i});
     for (std::size_t j = 0; j < frames.size(); ++j) {
-      if (j == i) continue;
       const Eigen::Vector2d way = frames[j].middle - frames[i].middle;
+      const double away_m = way.norm();
+      if (!(away_m >= kLeastAway * side_m && away_m < kMostAway * side_m)) continue;
       const double turns = std::atan2(way.y(), way.x()) / (2 * std::numbers::pi) + 0.5;
       auto& there = nearest[static_cast<std::size_t>(turns * kNeighbourDirections) % kNeighbourDirections];
-      there = std::min(there, {way.norm(), j});
+      there = std::min(there, {away_m, j});
     }
     for (const auto& [away_m, j] : nearest) {
       if (j != i) pairs.insert(std::minmax(i, j));

@@ -70,7 +70,7 @@ struct SurfaceModelFigures {
 
 using PictureOf = std::function<cv::Mat(std::size_t frame)>;  // CV_8UC1, of the camera's size; empty: none
 
-// poses: over `terrain`, one per frame, nothing where a frame is not to be used. A frame keeps some 200 kB meanwhile.
+// poses: over `terrain`, one per frame, nothing where a frame is not to be used. A frame keeps up to 400 kB meanwhile.
 // The same input gives the same bits. Throws Interrupted, and what picture_of throws.
 SurfaceModel surface_from_frames(const CameraModel& camera, const GroundSurface& terrain,
                                  std::span<const std::optional<CameraPose>> poses, const PictureOf& picture_of,

@@ -104,6 +104,15 @@ TEST_F(SurfaceOfFrames, FindsAHill) {
   EXPECT_EQ(0, surface.height_m({900, 900})) << "where nobody looked, the terrain";
 }
 
+TEST_F(SurfaceOfFrames, FramesClosePastEachOtherAreComparedWithThoseFartherOn) {
+  std::vector<Taken> frames;
+  for (double east = -40; east <= 40; east += 4) frames.push_back(taken({east, 0}, hill));
+  const SurfaceModel surface = found(frames, flat_);
+  for (const PlanePoint at : {PlanePoint{0, 0}, PlanePoint{-25, 10}, PlanePoint{20, -20}}) {
+    EXPECT_NEAR(hill(at), surface.height_m(at), 1.5) << at.east_m << " " << at.north_m;
+  }
+}
+
 TEST_F(SurfaceOfFrames, LiftsARoofAndNotTheLandAroundIt) {
   const SurfaceModel surface = found(survey(roof), flat_);
   EXPECT_NEAR(kRoof_m, surface.height_m({-20, 10}), 1);
