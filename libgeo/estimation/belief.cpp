@@ -156,7 +156,6 @@ void PlaceBelief::on_motion(const MotionEvidence& motion, const TrackPrediction&
   const bool may_be_chance = motion.doubt > kLeastWeight;
   if (may_be_chance) {
     Place at{{}, motion.predicted - track.position, motion.covariance_m2, track.covariance_m2.trace() / 2};
-    at.of_motion = true;
     at.motion_spread = motion.spread;
     at.velocity_mps = motion.velocity_mps;
     at.velocity_variance = motion.velocity_variance;
@@ -191,16 +190,15 @@ bool PlaceBelief::overrules(const Place& place, const Eigen::Matrix2d& track_cov
   return anchored_ && (possible || outdone);
 }
 
-// To the frame of a look. A place that hardly differs from the track is the track.
+// To the frame of a look. A place that hardly differs from the track is the track; a wider one is not, nor is any where
+// the track is not known at all.
 void PlaceBelief::bring_places_to(const Eigen::Matrix2d& track_covariance_m2) {
   std::erase_if(places_, [&](Place& place) {
     place.covariance_m2 = grown_m2(place, track_covariance_m2);
     place.track_variance_m2 = track_covariance_m2.trace() / 2;
     if (overrules(place, track_covariance_m2)) place.contradicts = false;
-    // A track that is not known at all is no place, and a motion that may be chance leaves one that may be much wider.
-    const bool is_alike =
-        !place.of_motion || place.track_variance_m2 > place.covariance_m2.trace() / 2 / kAlikeVariance;
-    const bool is_track = track_.total() > 0 && !place.contradicts && is_alike &&
+    const bool is_wider = place.covariance_m2.trace() > kAlikeVariance * track_covariance_m2.trace();
+    const bool is_track = track_.total() > 0 && !place.contradicts && !is_wider &&
                           same_place(place.offset_m, place.covariance_m2, track_covariance_m2);
     if (is_track) move_weight(place.weight, track_, 1);
     return is_track;
@@ -433,7 +431,6 @@ void PlaceBelief::add(const Place& added) {
     place.footprints = std::max(place.footprints, added.footprints);
     place.contradicted = place.contradicted || added.contradicted;
     place.of_hint = place.of_hint && added.of_hint;
-    place.of_motion = place.of_motion || added.of_motion;
     return;
   }
   places_.push_back(added);
@@ -455,6 +452,13 @@ void PlaceBelief::normalize() {
   scale(track_);
   scale(elsewhere_);
   for (Place& place : places_) scale(place.weight);
+}
+
+std::vector<PlaceBelief::PlaceState> PlaceBelief::place_states(const Eigen::Matrix2d& track_covariance_m2) const {
+  std::vector<PlaceState> states;
+  states.reserve(places_.size());
+  for (const Place& p : places_) states.push_back({p.weight.total(), p.offset_m, grown_m2(p, track_covariance_m2)});
+  return states;
 }
 
 Eigen::Matrix2d PlaceBelief::spread_m2(const Eigen::Matrix2d& track_covariance_m2) const {

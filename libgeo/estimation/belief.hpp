@@ -45,8 +45,9 @@
 //
 // Decision. The track moves to z when all but kMaxPlaceDoubt of the weight is there: hits, and what lies within
 // kHarmless_m of z, where the next look searches as well; and when z is then no chance peak beside the truth but for
-// kMaxAssociationDoubt. What is left of the track stays where it was, as a place. Otherwise z becomes a place, and
-// nothing is moved. A place that comes to lie where the track is becomes the track.
+// kMaxAssociationDoubt. By what remains of that doubt the filter weighs z (weighted_by_association(),
+// pose_measurements.hpp). What is left of the track stays where it was, as a place. Otherwise z becomes a place, and
+// nothing is moved. A place that comes to lie where the track is, and is hardly wider, becomes the track.
 //
 // Unconfirmed motion. Few pixels of two frames may agree on a motion by chance; with the chance b (tracking_state.hpp)
 // the track did not move as odometry says. So much of the track becomes a place where the track was predicted without
@@ -167,11 +168,7 @@ class PlaceBelief {
     Eigen::Vector2d offset_m;  // from the track
     Eigen::Matrix2d covariance_m2;
   };
-  std::vector<PlaceState> place_states(const Eigen::Matrix2d& track_covariance_m2) const {
-    std::vector<PlaceState> states;
-    for (const Place& p : places_) states.push_back({p.weight.total(), p.offset_m, grown_m2(p, track_covariance_m2)});
-    return states;
-  }
+  std::vector<PlaceState> place_states(const Eigen::Matrix2d& track_covariance_m2) const;
 
  private:
   struct Weight {
@@ -193,7 +190,6 @@ class PlaceBelief {
     bool contradicts = false;       // does so: does not move the track
     double footprints = 0;          // of ground that supported it
     bool of_hint = false;           // no look has hit it
-    bool of_motion = false;         // that may have been chance
     // Of the last one, until the next one; 0 for others.
     double motion_spread = 0;
     Eigen::Vector2d velocity_mps = Eigen::Vector2d::Zero();  // from the track's

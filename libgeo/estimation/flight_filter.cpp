@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -15,6 +16,10 @@ namespace {
 
 namespace model = parameters::telemetry;
 using namespace parameters::flight_filter;
+
+// What a PoseMeasurement measures, in its order.
+constexpr std::array<int, 6> kPose = {FlightState::east,    FlightState::north, FlightState::log_height,
+                                      FlightState::heading, FlightState::pitch, FlightState::roll};
 
 // An aircraft cannot become arbitrarily fast, however long nothing was observed.
 double max_velocity_variance(const FlightFilter::Options& options) {
@@ -439,13 +444,14 @@ void FlightFilter::estimate_tilt_scatter(const PoseMeasurement& measurement) {
   tilt_scatter_sum_ = std::max(tilt_scatter_sum_, 0.0);
 }
 
+Eigen::Matrix<double, 6, 6> FlightFilter::pose_covariance() const { return covariance_(kPose, kPose); }
+
 void FlightFilter::update_absolute(const PoseMeasurement& measurement) {
   marginalize_previous();
   process_model_.on_velocity_measured();
   estimate_tilt_scatter(measurement);
-  constexpr int order[] = {east, north, log_height, heading, pitch, roll};
   Eigen::Matrix<double, 6, states> row = Eigen::Matrix<double, 6, states>::Zero();
-  for (int i = 0; i < 6; ++i) row(i, order[i]) = 1;
+  for (int i = 0; i < 6; ++i) row(i, kPose[static_cast<std::size_t>(i)]) = 1;
   Eigen::Matrix<double, 6, 1> innovation = measurement.value - row * mean_;
   innovation[3] = wrap_pi(innovation[3]);
   const Eigen::Matrix<double, 6, states> observed = product(row, covariance_);

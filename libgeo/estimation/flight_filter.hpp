@@ -142,7 +142,8 @@ class FlightFilter {
   const Covariance& covariance() const { return covariance_; }
   PlanePoint position() const { return PlanePoint(mean_.segment<2>(east)); }
   Eigen::Matrix2d position_covariance_m2() const { return covariance_.block<2, 2>(east, east); }
-  double position_sigma_m() const;  // one axis of the equivalent circle
+  Eigen::Matrix<double, 6, 6> pose_covariance() const;  // of what a PoseMeasurement measures
+  double position_sigma_m() const;                      // one axis of the equivalent circle
   double sigma(Index index) const;
 
   // σ of w_τ, estimated from accepted anchors: a gimbal hardly changes, a bare airframe without logged attitude does.

@@ -146,7 +146,7 @@ struct Localizer::Impl {
   OdometryFrame odometry_frame(const cv::Mat& grey) const;
   void on_track_broken();
   std::unique_ptr<AnchorJob> begin_match(const cv::Mat& grey);
-  FramePose update_with_anchor(const AnchorJob& job, const AnchorReport& report);
+  FramePose update_with_anchor(const AnchorJob& job, const AnchorReport& report, double association_doubt);
   Estimate estimate(bool anchored) const;
 
   std::pair<PlanePoint, double> start_position() const;
@@ -267,6 +267,7 @@ Localizer::TrackedFrame Localizer::track(const cv::Mat& image, const Telemetry& 
 FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
   Impl& s = *impl_;
   FrameReport report;
+  LookResult result;
   if (job->match) {
     s.widen_for_another_map(job->context, *job->match);
     // Where the track was then, as it is known by now.
@@ -274,7 +275,6 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
         PlanePoint(job->context.track.position.vector() + s.matching.corrected_m - job->corrected_m);
     Look look = look_of(*job->match, job->context);
     if (s.config.matchability != nullptr) look.detection_odds = s.detection_odds();
-    LookResult result;
     s.weigh_hint(job->context.track);  // one that came while the frame was matched
     if (job->match->on_map) result = s.belief.update(look, job->context.track);
     report.anchor = anchor_report(*job->match, job->context, look, result);
@@ -285,8 +285,8 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
       s.steps[job->step].contradicted_anchor_sigma_m = (look.candidate->position - job->context.track.position).norm();
     }
   }
-  const bool anchored = report.anchor.verdict == AnchorVerdict::accepted;
-  if (anchored) report.anchor_pose = s.update_with_anchor(*job, report.anchor);
+  const bool anchored = result.accepted;
+  if (anchored) report.anchor_pose = s.update_with_anchor(*job, report.anchor, result.association_doubt);
   s.matching.job_out = false;
   report.estimate = s.estimate(anchored && job->step + 1 == s.steps.size());
   report.state = state_estimate(*s.filter, s.telemetry.reference);
@@ -710,11 +710,11 @@ void Localizer::Impl::widen_for_another_map(LookContext& context, const AnchorMa
   context.track.covariance_m2 += between_m2 * Eigen::Matrix2d::Identity();
 }
 
-FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const AnchorReport& report) {
+FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const AnchorReport& report,
+                                              double association_doubt) {
   const double heading_before_rad = filter->state()[FlightFilter::heading];
   const AnchorMatch& match = *job.match;
   FlightStep& step = steps[job.step];
-  step.anchor = anchor_measurement(job, report);
   step.map_sigma_m = map_sigma_of(match);
   if (last_anchor && step.map_sigma_m < published.map_sigma_m) {
     step.finer_map_sigma_m =
@@ -725,6 +725,9 @@ FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const Anchor
   filter = job.flight;
   if (step.contradicted_anchor_sigma_m) filter->inflate_position(*step.contradicted_anchor_sigma_m);
   if (step.finer_map_sigma_m) filter->inflate_position(*step.finer_map_sigma_m);
+  step.anchor = anchor_measurement(job, report);
+  step.anchor->covariance =
+      weighted_by_association(step.anchor->covariance, association_doubt, filter->pose_covariance());
   filter->update_absolute(*step.anchor);
   const FramePose pose = anchor_pose(job);
 

@@ -3,8 +3,6 @@
 #include <Eigen/LU>
 #include <cmath>
 
-#include "vision/localizer_parameters.hpp"
-
 namespace nadir {
 
 using namespace parameters::pose_measurement;

@@ -3,9 +3,11 @@
 // the image does not constrain) the covariance here is practically infinite.
 #pragma once
 
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 
 #include "vision/camera_pose_solver.hpp"
+#include "vision/localizer_parameters.hpp"
 
 namespace nadir {
 
@@ -23,6 +25,20 @@ struct PoseMeasurement {
 };
 
 PoseMeasurement pose_measurement(const SolvedPose& solved, const TelemetryReference& reference);
+
+// The covariance with which a filter takes a measurement (R) that is none with the chance d, because what was found is
+// a chance peak beside the truth. Probabilistic data association (Bar-Shalom and Tse 1975) multiplies the gain by
+// 1 - d. A sure measurement has that gain with the covariance
+//   (R + d B) / (1 - d)
+// where B is the predicted covariance. A chance peak lies beside the truth: of a prediction that is much wider than the
+// measurement only what is around it counts, B = (P⁻¹ + (kWidestPrior R)⁻¹)⁻¹.
+template <int N>
+Eigen::Matrix<double, N, N> weighted_by_association(const Eigen::Matrix<double, N, N>& measured, double doubt,
+                                                    const Eigen::Matrix<double, N, N>& predicted) {
+  const Eigen::Matrix<double, N, N> widest = parameters::pose_measurement::kWidestPrior * measured;
+  const Eigen::Matrix<double, N, N> beside = predicted * (predicted + widest).ldlt().solve(widest);
+  return (measured + doubt / 2 * (beside + beside.transpose())) / (1 - doubt);
+}
 
 // The attitude and height that a frame was processed with.
 struct LinearizationPoint {

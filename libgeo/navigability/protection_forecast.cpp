@@ -15,6 +15,7 @@
 #include "estimation/flight_process_model.hpp"
 #include "estimation/look_likelihood.hpp"
 #include "estimation/map_look.hpp"
+#include "estimation/pose_measurements.hpp"
 #include "estimation/search_window.hpp"
 #include "navigability/navigability_parameters.hpp"
 #include "vision/localizer_parameters.hpp"
@@ -81,8 +82,11 @@ class AxisFilter {
   void inflate(double variance_m2) { covariance_(0, 0) += variance_m2; }
 
   // measured_m: how far off the measurement is. Returns how the position moves.
-  Eigen::Vector2d update(const Eigen::Vector2d& measured_m, double variance_m2) {
-    const Eigen::Vector3d gain = covariance_.col(0) / (covariance_(0, 0) + variance_m2);
+  Eigen::Vector2d update(const Eigen::Vector2d& measured_m, double variance_m2, double association_doubt) {
+    using Variance = Eigen::Matrix<double, 1, 1>;
+    const Variance measured(variance_m2), predicted(covariance_(0, 0));
+    const double weighted_m2 = weighted_by_association(measured, association_doubt, predicted).value();
+    const Eigen::Vector3d gain = covariance_.col(0) / (covariance_(0, 0) + weighted_m2);
     const Eigen::RowVector2d innovation = measured_m.transpose() - error_.row(0);
     error_ += gain * innovation;
     covariance_ -= (gain * covariance_.row(0)).eval();
@@ -209,8 +213,8 @@ class DrawnFlight {
     const double shared =
         anchored_ ? std::max(1.0, look::kSharedErrorFootprints * frame.footprint_m / std::max(1.0, since_anchor_m_))
                   : 1;
-    const Eigen::Vector2d by_m =
-        filter_.update(measured_m, drawn->solved_variance_m2 * shared + (corroborated ? 0 : drawn->wrong_consensus_m2));
+    const double variance_m2 = drawn->solved_variance_m2 * shared + (corroborated ? 0 : drawn->wrong_consensus_m2);
+    const Eigen::Vector2d by_m = filter_.update(measured_m, variance_m2, result.association_doubt);
     belief_.on_anchor(by_m, before_m2, filter_.position_covariance_m2());
     anchored_ = unbroken_ = true;
     since_anchor_m_ = 0;

@@ -390,6 +390,7 @@ namespace pose_measurement {
 // σ of a direction that the image does not constrain: practically infinite, yet invertible.
 inline constexpr double kVaguePositionHeights = 10;  // of an absolute position, in heights above ground; numerical
 inline constexpr double kVagueMotionLengths = 100;   // of a relative motion, in (1 m + its length); numerics
+inline constexpr double kWidestPrior = 10;  // over a measurement's variance, that a chance peak is beside it; chosen
 
 }  // namespace pose_measurement
 
@@ -562,7 +563,8 @@ inline constexpr double kIntegrityRisk = 1e-5;      // per look: beyond the prot
 // σ; a filtered position has less of it. Chosen between 1 and (5.8 / 3.7)².
 inline constexpr double kTailVarianceFactor = 1.5;
 inline constexpr double kMaxPlaceDoubt = 1e-3;        // of the weight may be elsewhere when the track moves; [looks]
-inline constexpr double kMaxAssociationDoubt = 5e-2;  // a chance peak beside the truth, within the prediction; chosen
+// A chance peak beside the truth, within the prediction: the filter weighs by it. Chosen: three to one.
+inline constexpr double kMaxAssociationDoubt = 0.25;
 // Of a place beside the candidate: half of the least window, so that the next look searches it as well. Chosen.
 inline constexpr double kHarmless_m = 30;
 // Of the hits of a place that contradicts the track; 0.5 and 0.001 are worse: docs/safety-case.md.
@@ -577,7 +579,7 @@ inline constexpr double kLeastInArea =
     1e-2;  // share of a hypothesis inside the area: with less the area says nothing; chosen
 inline constexpr double kVagueWeight = 1e-2;    // of places that the published covariance leaves out; its 95 % ellipse
                                                 // hardly knows them, the protection level does
-inline constexpr double kAlikeVariance = 4;     // over the track's: what an unconfirmed motion left is wider; chosen
+inline constexpr double kAlikeVariance = 4;     // over the track's: a place that is wider is not the track; chosen
 inline constexpr double kMostMotion_chi2 = 50;  // that speaks for what a motion contradicts; numerical
 inline constexpr double kLeastWeight = 1e-9;    // of a place that is kept; numerical
 inline constexpr std::size_t kMaxPlaces = 15;   // beside the track; bounds the time

@@ -8,6 +8,7 @@
 
 #include "base/error.hpp"
 #include "estimation/look_likelihood.hpp"
+#include "estimation/pose_measurements.hpp"
 #include "estimation/tracking_state.hpp"
 #include "vision/localizer_parameters.hpp"
 
@@ -143,8 +144,10 @@ void correct(FaultFlight::State& s, const LookCandidate& candidate, const Candid
   if (look.contradicted) s.covariance.topLeftCorner<2, 2>() += off.squaredNorm() * Eigen::Matrix2d::Identity();
   const double variance_m2 = sigmas.solved_m * sigmas.solved_m * shared +
                              (corroborated ? 0 : sigmas.wrong_consensus_m * sigmas.wrong_consensus_m);
+  const Eigen::Matrix2d measured_m2 = variance_m2 * Eigen::Matrix2d::Identity();
   const Eigen::Matrix<double, 4, 2> gain =
-      s.covariance.leftCols<2>() * (s.covariance_m2() + variance_m2 * Eigen::Matrix2d::Identity()).inverse();
+      s.covariance.leftCols<2>() *
+      (s.covariance_m2() + weighted_by_association(measured_m2, look.association_doubt, s.covariance_m2())).inverse();
   s.error += gain * off;
   s.covariance -= (gain * s.covariance.topRows<2>()).eval();
   s.belief.on_anchor(gain.topRows<2>() * off, before_m2, s.covariance_m2());

@@ -482,6 +482,19 @@ TEST(UnconfirmedMotion, AnAnchorWhereTheTrackIsOutweighsIt) {
   EXPECT_LT(flight.level_m(), 40);
 }
 
+// The track may be anywhere in the place, so that the place is not the track, however near its middle is.
+TEST(Belief, APlaceThatIsMuchWiderThanTheTrackStaysAPlace) {
+  LookFlight flight = known_start(40);
+  ASSERT_TRUE(flight.fly(Eigen::Vector2d(1, 0), 8).accepted);
+  flight.belief.on_anchor({0, 0}, circle(40), circle(3));
+  flight.sigma_m = 3;
+  ASSERT_GE(flight.belief.places(), 1U);
+  const auto left = flight.belief.place_states(circle(3)).at(0);
+  EXPECT_LT(left.offset_m.norm(), 3);
+  flight.belief.update(look_at(flight.at, 150, std::nullopt, 0, 0), track(flight.at, 3));
+  EXPECT_GE(flight.belief.places(), 1U);
+}
+
 TEST(Belief, NoSequenceOfLooksBreaksIt) {
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
     Random random(seed);

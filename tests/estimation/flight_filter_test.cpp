@@ -329,5 +329,58 @@ TEST(FlightFilter, VagueMeasurementsDoNotChangeTheTiltScatter) {
   EXPECT_DOUBLE_EQ(filter.white_tilt_sigma_rad(), before.white_tilt_sigma_rad());
 }
 
+// ---- A measurement that may be none
+
+struct Moved {
+  F::State by;
+  F::Covariance narrowed;
+};
+
+// What an anchor does to a filter whose position is known to 5 m, when it is a chance peak with this chance.
+Moved moved_by_anchor(double doubt, double anchor_sigma_m = 4) {
+  F filter(filter_sensors(), true, {0, 0}, 5);
+  Vector6d sigma;
+  sigma << anchor_sigma_m, anchor_sigma_m, 0.02, 0.02, 0.03, 0.03;
+  PoseMeasurement measurement = anchor({6, -3}, 0.02, {0.01, 0.02}, sigma);
+  measurement.covariance = weighted_by_association(measurement.covariance, doubt, filter.pose_covariance());
+  const F before = filter;
+  filter.update_absolute(measurement);
+  return {filter.state() - before.state(), before.covariance() - filter.covariance()};
+}
+
+TEST(Association, ASureMeasurementIsTakenAsItIs) {
+  const Eigen::Matrix2d measured = Eigen::Vector2d(4, 9).asDiagonal(), predicted = Eigen::Matrix2d::Identity() * 7;
+  EXPECT_EQ(weighted_by_association(measured, 0, predicted), measured);
+}
+
+// The filter's position is 5 m wide, the anchor 4 m: within kWidestPrior.
+TEST(Association, TheGainIsThatOfASureOneByWhatIsSure) {
+  const Moved sure = moved_by_anchor(0), doubted = moved_by_anchor(0.2);
+  // Not quite: part of the prediction is left out as too wide for this measurement (25 m² beside 160 m²).
+  EXPECT_GT(doubted.by[F::east], 0.8 * sure.by[F::east]);
+  EXPECT_LT(doubted.by[F::east], 0.83 * sure.by[F::east]);
+  EXPECT_LT(doubted.by[F::north], 0.8 * sure.by[F::north]);
+  EXPECT_GT(doubted.by[F::north], 0.83 * sure.by[F::north]);
+  EXPECT_NEAR(doubted.narrowed(F::east, F::east), 0.81 * sure.narrowed(F::east, F::east), 0.03 * 25);
+}
+
+TEST(Association, MoreDoubtMovesTheFilterLess) {
+  double last = moved_by_anchor(0).by[F::east];
+  for (const double doubt : {0.05, 0.2, 0.5, 0.9, 0.999}) {
+    const double now = moved_by_anchor(doubt).by[F::east];
+    EXPECT_LT(now, last);
+    EXPECT_GT(now, 0);
+    last = now;
+  }
+  EXPECT_LT(last, 0.05);
+}
+
+// A start that may be anywhere within kilometres says nothing of how far beside the truth a chance peak lies.
+TEST(Association, OfAVaguePredictionOnlyWhatIsAroundTheMeasurementCounts) {
+  const Eigen::Matrix2d measured = Eigen::Matrix2d::Identity() * 16, predicted = Eigen::Matrix2d::Identity() * 1e8;
+  const double variance_m2 = weighted_by_association(measured, 0.1, predicted)(0, 0);
+  EXPECT_NEAR(variance_m2, 16 * (1 + 0.1 * parameters::pose_measurement::kWidestPrior) / 0.9, 1e-3);
+}
+
 }  // namespace
 }  // namespace nadir
