@@ -81,12 +81,12 @@ StrapdownStep strapdown_step(const Matrix3d& before, const PreintegratedMotion& 
   }
 
   // What white noise does, from the order (turn, velocity, displacement) of the preintegration.
-  Eigen::Matrix<double, Row::rows, 9> by_noise = Eigen::Matrix<double, Row::rows, 9>::Zero();
+  Eigen::Matrix<double, StrapdownStep::kRows, 9> by_noise = Eigen::Matrix<double, StrapdownStep::kRows, 9>::Zero();
   by_noise.block<2, 3>(Row::position_east, 6) = before.topRows<2>();
   by_noise.block<2, 3>(Row::velocity_east, 3) = before.topRows<2>();
   by_noise.block<1, 3>(Row::heading, 0) = -after.row(2);
   by_noise.block<3, 3>(Row::errors, 0) = after;
-  const Eigen::Matrix<double, Row::rows, 9> spread = by_noise * motion.covariance;
+  const Eigen::Matrix<double, StrapdownStep::kRows, 9> spread = by_noise * motion.covariance;
   step.noise = spread * by_noise.transpose();
   // Beyond what M models.
   const double angle_rad = rotation_vector_of(motion.turn).norm();

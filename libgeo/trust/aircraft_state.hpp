@@ -22,7 +22,7 @@ inline constexpr std::uint64_t kMaxStateSize = std::uint64_t{1} << 22;
 
 // The remembered time is at most so far beyond the day on which an accepted package was made. Chosen: packages are
 // flown in the weeks after they were made, and an aircraft whose clock ran ahead is grounded no longer than that.
-inline constexpr std::int64_t kMaxTrustedLead_s = 30 * 86'400;
+inline constexpr std::int64_t kMaxTrustedLead_s = std::int64_t{30} * 86'400;
 
 struct AircraftState {
   std::map<std::string, std::int64_t> highest_sequence;   // accepted, by series
