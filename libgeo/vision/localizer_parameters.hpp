@@ -562,7 +562,7 @@ inline constexpr double kIntegrityRisk = 1e-5;      // per look: beyond the prot
 // Of the protection level. One in 1000 of 8032 true places of the training looks lies beyond 5.8 σ, of a Gaussian 3.7
 // σ; a filtered position has less of it. Chosen between 1 and (5.8 / 3.7)².
 inline constexpr double kTailVarianceFactor = 1.5;
-inline constexpr double kMaxPlaceDoubt = 1e-3;        // of the weight may be elsewhere when the track moves; [looks]
+inline constexpr double kMaxPlaceDoubt = 1e-3;  // of the weight may be elsewhere when the track moves; [looks]
 // A chance peak beside the truth, within the prediction: the filter weighs by it. Chosen: three to one.
 inline constexpr double kMaxAssociationDoubt = 0.25;
 // Of a place beside the candidate: half of the least window, so that the next look searches it as well. Chosen.
