@@ -355,13 +355,13 @@ TEST(Association, ASureMeasurementIsTakenAsItIs) {
 
 // The filter's position is 5 m wide, the anchor 4 m: within kWidestPrior.
 TEST(Association, TheGainIsThatOfASureOneByWhatIsSure) {
-  const Moved sure = moved_by_anchor(0), doubted = moved_by_anchor(0.2);
+  const Moved sure = moved_by_anchor(0), weighted = moved_by_anchor(0.2);
   // Not quite: part of the prediction is left out as too wide for this measurement (25 m² beside 160 m²).
-  EXPECT_GT(doubted.by[F::east], 0.8 * sure.by[F::east]);
-  EXPECT_LT(doubted.by[F::east], 0.83 * sure.by[F::east]);
-  EXPECT_LT(doubted.by[F::north], 0.8 * sure.by[F::north]);
-  EXPECT_GT(doubted.by[F::north], 0.83 * sure.by[F::north]);
-  EXPECT_NEAR(doubted.narrowed(F::east, F::east), 0.81 * sure.narrowed(F::east, F::east), 0.03 * 25);
+  EXPECT_GT(weighted.by[F::east], 0.8 * sure.by[F::east]);
+  EXPECT_LT(weighted.by[F::east], 0.83 * sure.by[F::east]);
+  EXPECT_LT(weighted.by[F::north], 0.8 * sure.by[F::north]);
+  EXPECT_GT(weighted.by[F::north], 0.83 * sure.by[F::north]);
+  EXPECT_NEAR(weighted.narrowed(F::east, F::east), 0.81 * sure.narrowed(F::east, F::east), 0.03 * 25);
 }
 
 TEST(Association, MoreDoubtMovesTheFilterLess) {
