@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # ./run package [--check]: Debian packages and their SBOMs in build/packages (docs/install.md), or build-arm64/packages. --check also builds them a
 # second time and compares the bytes, lets lintian judge them, and installs, configures, upgrades and purges them in a
-# fresh Debian 12 that mmdebstrap makes (root, network).
+# fresh Debian 12 that mmdebstrap makes (root, network), on which buildah builds the images.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . .ci/build.sh

@@ -82,6 +82,7 @@ packages_package=(
   file                       # CPack tells programs from other files by it
   lintian                    # Debian's own judge of packages
   mmdebstrap                 # a fresh Debian 12, in which --check installs them
+  buildah                    # … and in which it builds the images by their Dockerfiles
 )
 packages_amd64=(             # whatever is built there: Debian has them for no other
   libipsec-mb-dev            # SHA-256 of many blocks at once, in the lanes of the processor's vectors

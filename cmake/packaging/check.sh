@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # cmake/packaging/check.sh PACKAGES: installs the Debian packages of a folder in a fresh Debian 12, uses them as docs/install.md
-# says, upgrades, removes and purges them. Needs root, mmdebstrap and Debian's mirror; what it makes lies below TMPDIR
+# says, upgrades, removes and purges them. Needs root, mmdebstrap, buildah and Debian's mirror; what it makes lies below TMPDIR
 # and is removed. NADIR_MIRROR: another mirror.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
@@ -9,7 +9,7 @@ packages=$(cd "${1:?usage: cmake/packaging/check.sh PACKAGES}" && pwd)
 command -v mmdebstrap >/dev/null || { echo "NOT TESTED: a fresh Debian 12: mmdebstrap is not installed" >&2; exit 77; }
 
 work=$(mktemp -d)
-trap 'umount -q "$work"/*/proc "$work"/*/dev 2>/dev/null || true; rm -rf --one-file-system -- "$work"' EXIT
+trap 'umount -q "$work"/*/proc "$work"/*/dev 2>/dev/null || true; buildah --root "$work/containers" --runroot "$work/containers-run" --storage-driver vfs rm --all >/dev/null 2>&1 || true; rm -rf --one-file-system -- "$work"' EXIT
 fail() { echo "check: $*" >&2; exit 1; }
 say() { echo "check: $*"; }
 
@@ -106,41 +106,45 @@ apt purge nadir-candidates
 inside test -e /var/lib/nadir-candidate-service/tokens.json -a ! -e /etc/nadir-candidates || fail "purged: data gone, or configuration left"
 say "nadir-candidates: installed and purged; its data is left"
 
-# --- the images: their own steps, in a fresh system each ----------------------------------------------------------------
-image() { # NAME: the COPY and RUN of cmake/packaging/docker/NAME.Dockerfile
-  fresh "image-$1"
-  local line step=''
-  while IFS= read -r line; do
-    step+=${line%\\}
-    [[ $line == *\\ ]] && continue
-    case $step in
-      COPY*) mkdir -p "$root/tmp/packages" && cp "$packages"/*.deb "$root/tmp/packages/" ;;
-      RUN*)  inside sh -ec "${step#RUN }" >"$work/log" 2>&1 || { cat "$work/log" >&2; fail "$1.Dockerfile: ${step:0:60}…"; } ;;
-    esac
-    step=''
-  done <"$here/docker/$1.Dockerfile"
+# --- the images: built by their Dockerfiles, upon this fresh Debian as debian:12-slim, and started by their entry points ------
+command -v buildah >/dev/null || fail "buildah is not installed; to do: apt-get install buildah"
+containers() { buildah --root "$work/containers" --runroot "$work/containers-run" --storage-driver vfs "$@"; }
+quietly() { "$@" >"$work/log" 2>&1 || { cat "$work/log" >&2; fail "$*"; }; }
+base=$(containers from scratch)
+quietly containers add "$base" "$work/base.tar" /
+quietly containers commit --rm "$base" docker.io/library/debian:12-slim
+image() { # NAME: the image of cmake/packaging/docker/NAME.Dockerfile, and a container of it in $container, its files in $root
+  quietly containers build --isolation chroot --pull-never -f "$here/docker/$1.Dockerfile" -t "$1" "$packages"
+  container=$(containers from --pull-never "$1")
+  root=$(containers mount "$container")
 }
-image nadird
-[[ $(inside nadird --version) == nadird* ]] || fail "the image of nadird does not run"
-say "image of nadird: $(du -sxm "$root" | cut -f1) MiB"
+started() { # WORD...: the container's entry point, as its user
+  local entry
+  mapfile -t entry < <(containers inspect --format '{{range .OCIv1.Config.Entrypoint}}{{println .}}{{end}}' "$container" | sed '/^$/d')
+  containers run --isolation chroot "$container" -- "${entry[@]}" "$@"
+}
 image nadir
-[[ $(inside nadir --version) == nadir* ]] || fail "the image of nadir does not run"
+[[ $(started --version) == nadir* ]] || fail "the image of nadir does not run"
+say "image of nadir: $(du -sxm "$root" | cut -f1) MiB"
 for plugin in "$packages"/nadir-network-onnxruntime_*.deb; do
   [[ -e $plugin ]] || continue
-  apt install "/packages/${plugin##*/}"
-  inside ldd /usr/lib/nadir/nadir_network_onnxruntime.so | grep 'not found' && fail "the plug-in of networks lacks a library"
+  cp "$plugin" "$root/tmp/plugin.deb"
+  quietly containers run --isolation chroot --user root "$container" -- sh -c 'apt-get update && apt-get install -y --no-install-recommends /tmp/plugin.deb'
+  containers run --isolation chroot "$container" -- ldd /usr/lib/nadir/nadir_network_onnxruntime.so | grep 'not found' && fail "the plug-in of networks lacks a library"
 done
-say "image of nadir: $(du -sxm "$root" | cut -f1) MiB"
 
 # --- planner and aircraft together: a package is built, signed, and accepted by nadird --check ----------------------------
-inside sh -ec "
+containers run --isolation chroot "$container" -- sh -ec "
   cd /root
   nadir simulate world --seed 7 --size-km 1 --gsd-m 0.5 --out world >/dev/null
   nadir keys create --out signer >/dev/null && nadir keys create --out root >/dev/null
   nadir keys root --root-key root.key.pem --package-signer signer.pub.pem --expires 2035-01-01 --out root.json >/dev/null
   nadir cache build --mission world/mission.yaml --imagery world/map.tif --dem world/dem.tif --key signer.key.pem --trust root.json --out package >/dev/null" || fail "nadir does not build a package"
-cp -r "$root/root/package" "$root/root/root.json" "$work/image-nadird/root/"
-day=$(inside sed -n 's/^created: *"\?\([0-9-]*\).*/\1/p' /root/world/mission.yaml)
-root=$work/image-nadird
-inside nadird --at "$day" --package /root/package --trust /root/root.json --check || fail "nadird --check rejects it"
-say "a package of the packaged nadir passes nadird --check"
+day=$(sed -n 's/^created: *"\?\([0-9-]*\).*/\1/p' "$root/root/world/mission.yaml")
+cp -r "$root/root/package" "$root/root/root.json" "$work/"
+image nadird
+[[ $(started --version) == nadird* ]] || fail "the image of nadird does not run"
+say "image of nadird: $(du -sxm "$root" | cut -f1) MiB"
+cp -r "$work/package" "$work/root.json" "$root/srv/"
+started --at "$day" --package /srv/package --trust /srv/root.json --check || fail "nadird --check rejects it"
+say "a package that the image of nadir builds passes nadird --check in the image of nadird"

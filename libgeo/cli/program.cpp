@@ -203,7 +203,8 @@ int run_program(const ProgramText& text, const CommandList& commands, const std:
 int run_single_command(const std::string& name, Command& command, const std::vector<std::string>& args,
                        const Environment& environment) {
   return guarded(name, environment, args, [&] {
-    if (args.size() == 1 && args[0] == "--version") {
+    // Wherever it stands, as --help: a container's entry point has options of its own before it.
+    if (std::ranges::find(args, "--version") != args.end()) {
       environment.out << name << ' ' << kVersion << '\n';
       return kAccepted;
     }

@@ -107,6 +107,23 @@ TEST(Program, HelpGoesToStandardOutput) {
   EXPECT_THAT(run({"--version"}).out, ::testing::MatchesRegex("nadir [0-9]+\\.[0-9]+\\.[0-9]+\n"));
 }
 
+TEST(SingleCommand, SaysItsVersionAndHelpWhereverTheyStand) {
+  const auto single = [](const std::vector<std::string>& args) {
+    Probe probe([](Context&) { return 7; });
+    std::ostringstream out, err;
+    const FixedClock clock({0});
+    const int code = run_single_command("nadird", probe, args, {out, err, clock});
+    return Outcome{code, out.str(), err.str()};
+  };
+  EXPECT_EQ(single({"--out", "x"}).code, 7);
+  for (const std::vector<std::string>& args : {std::vector<std::string>{"--version"}, {"--out", "x", "--version"}}) {
+    EXPECT_EQ(single(args).code, 0);
+    EXPECT_THAT(single(args).out, ::testing::MatchesRegex("nadird [0-9]+\\.[0-9]+\\.[0-9]+\n"));
+  }
+  EXPECT_THAT(single({"--out", "x", "--help"}).out, ::testing::HasSubstr("build a package"));
+  EXPECT_EQ(single({}).code, 2);
+}
+
 TEST(Program, HelpWinsOverMissingOptions) { EXPECT_EQ(run({"cache", "build", "--out", "--help"}).code, 0); }
 
 TEST(Program, JsonAndQuietReachTheCommand) {
