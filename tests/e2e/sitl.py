@@ -37,13 +37,18 @@ def arguments():
     parser.add_argument("--delay-s", type=float, default=0.25, help="from exposure to frame, as airframe.json says")
     parser.add_argument("--signed", action="store_true", help="provision with a key for the link")
     parser.add_argument("--parameter", action="append", default=[], metavar="NAME=VALUE", help="one more of the autopilot's")
+    parser.add_argument("--change", metavar="NAME=VALUE", help="a parameter that provisioning set: changed before take-off, and set "
+                        "back; nadird must note both")
     parser.add_argument("--nadird-option", action="append", default=[], metavar="WORD", help="one more word for nadird")
     parser.add_argument("--check", action="store_true", help="exit code 1 when a limit is violated")
     parser.add_argument("--json", metavar="FILE", help="write every position that was compared")
     harness.add_words(parser, width=1920)
     args = parser.parse_args()
+    vehicle = Px4 if args.px4 else ArduPlane
+    if args.change and args.change.partition("=")[0] not in vehicle.listed_parameters:
+        parser.error(f"--change {args.change}: expected one of {', '.join(vehicle.listed_parameters)}")
     args.events = args.event if args.event is not None else FLYABLE[args.scenario]
-    known = (Px4 if args.px4 else ArduPlane).actions
+    known = vehicle.actions
     for event in args.events:
         if event.partition(":")[2].partition("=")[0] not in known:
             parser.error(f"'{event}': expected one of {', '.join(known)}")
@@ -72,8 +77,12 @@ def main():
                       signed=args.signed, nadird_options=args.nadird_option)
         with SitlFlight(setup, vehicle) as flight:
             flight.start()
+            change = None
+            if args.change:
+                name, value = args.change.split("=")
+                change = (args.change, *flight.change_before_take_off(name, float(value)))
             flight.fly(args.minutes * 60)
-            verdict = SitlVerdict(flight, flight.finish())
+            verdict = SitlVerdict(flight, flight.finish(), change)
         print("\n".join(verdict.timeline()) + "\n")
         for name, text in verdict.figures():
             print(f"{name:26}{text}")

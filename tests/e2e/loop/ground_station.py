@@ -1,4 +1,5 @@
 """A ground station's end of a link to ArduPlane or PX4, with pymavlink: parameters, a mission, arming, and status texts."""
+import struct
 import time
 
 from pymavlink import mavutil
@@ -65,10 +66,17 @@ class GroundStation:
         self.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, getattr(dialect, f"MAVLINK_MSG_ID_{name}"), round(1e6 / rate_hz))
 
     def set(self, name, value):
+        def ask():
+            self.link.mav.param_request_read_send(*self._target(), name.encode(), -1)
+
         def send():
-            self.link.mav.param_set_send(*self._target(), name.encode(), value, dialect.MAV_PARAM_TYPE_REAL32)
+            self.link.mav.param_set_send(*self._target(), name.encode(), sent, kind)
+        kind = self.wait_for(name, lambda m: m.get_type() == "PARAM_VALUE" and m.param_id == name, ask).param_type
+        # PX4's integers cross as their bytes, ArduPilot's as numbers.
+        bytewise = self.vehicle.autopilot == dialect.MAV_AUTOPILOT_PX4 and kind == dialect.MAV_PARAM_TYPE_INT32
+        sent = struct.unpack("<f", struct.pack("<i", round(value)))[0] if bytewise else value
         self.wait_for(f"answer about {name}", lambda m: m.get_type() == "PARAM_VALUE" and m.param_id == name
-                      and abs(m.param_value - value) <= 1e-6 + 1e-6 * abs(value), send)
+                      and abs(m.param_value - sent) <= 1e-6 * abs(sent) + (0 if bytewise else 1e-6), send)
 
     def command(self, number, *values):
         """Until it is taken; SystemExit when it is not."""

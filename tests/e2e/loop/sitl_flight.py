@@ -18,6 +18,7 @@ from .sitl_track import POSITION_KNOWN
 from .watch import Watch
 
 READY_S, CLIMB_S = 90, 240
+CHANGE_S = 60  # for nadird to find a parameter that was changed
 AT_HEIGHT_M = 15
 BEFORE_RESTART_S = 2  # for what was set to be asked for and stored
 
@@ -68,6 +69,25 @@ class SitlFlight(Flight):
         self.autopilot = self.vehicle.start(self, self.station_port)
         self.station.meet()
         self.begun_flying = time.monotonic()
+
+    def change_before_take_off(self, name, value):
+        """Like a hand at a ground station: sets a parameter that was provisioned, and sets it back. Seconds until nadird noted
+        either, None where it did not in CHANGE_S."""
+        self._be_ready()
+        provisioned = self.listed_parameters()[name]
+        return (self._set_and_hear(name, value, "it was provisioned as"),
+                self._set_and_hear(name, provisioned, "again, as it was provisioned"))
+
+    def _set_and_hear(self, name, value, words):
+        self.station.set(name, value)
+        begun = time.monotonic()
+        while time.monotonic() < begun + CHANGE_S:
+            self.receive()
+            noted = [event["at"] for event in list(self.watch.events.values())
+                     if event["kind"] == "autopilot" and event["text"].startswith(f"{name} is ") and words in event["text"]]
+            if noted:
+                return max(0.0, min(noted) - begun)
+        return None
 
     def fly(self, seconds):
         """Take-off, climb, and so many seconds on the circuit."""
