@@ -6,12 +6,21 @@ set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 packages=$(cd "${1:?usage: cmake/packaging/check.sh PACKAGES}" && pwd)
 [[ $(id -u) == 0 ]] || { echo "NOT TESTED: a fresh Debian 12: that takes root" >&2; exit 77; }
-command -v mmdebstrap >/dev/null || { echo "NOT TESTED: a fresh Debian 12: mmdebstrap is not installed" >&2; exit 77; }
+for tool in mmdebstrap buildah; do
+  command -v "$tool" >/dev/null || { echo "NOT TESTED: a fresh Debian 12: $tool is not installed" >&2; exit 77; }
+done
 
 work=$(mktemp -d)
-trap 'umount -q "$work"/*/proc "$work"/*/dev 2>/dev/null || true; buildah --root "$work/containers" --runroot "$work/containers-run" --storage-driver vfs rm --all >/dev/null 2>&1 || true; rm -rf --one-file-system -- "$work"' EXIT
+containers() { TMPDIR=$work buildah --root "$work/containers" --runroot "$work/containers-run" --storage-driver vfs "$@"; }
+clean_up() {
+  umount -q "$work"/*/proc "$work"/*/dev 2>/dev/null || true
+  containers rm --all >/dev/null 2>&1 || true
+  rm -rf --one-file-system -- "$work"
+}
+trap clean_up EXIT
 fail() { echo "check: $*" >&2; exit 1; }
 say() { echo "check: $*"; }
+quietly() { "$@" >"$work/log" 2>&1 || { cat "$work/log" >&2; fail "$*"; }; }
 
 mmdebstrap --quiet --variant=apt bookworm "$work/base.tar" "${NADIR_MIRROR:-http://deb.debian.org/debian}"
 fresh() { # NAME: a fresh system in $root
@@ -25,9 +34,7 @@ fresh() { # NAME: a fresh system in $root
   cp "$packages"/*.deb "$root/packages/"
 }
 inside() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root LC_ALL=C.UTF-8 DEBIAN_FRONTEND=noninteractive "$@"; }
-apt() { # quiet, unless it fails
-  inside apt-get -qq -y -o Dpkg::Use-Pty=0 --no-install-recommends "$@" >"$work/log" 2>&1 || { cat "$work/log" >&2; fail "apt-get $*"; }
-}
+apt() { quietly inside apt-get -qq -y -o Dpkg::Use-Pty=0 --no-install-recommends "$@"; }
 installed() { inside dpkg-query -W -f='${Package}\n' | sort; }
 listing() { # every file but those of apt, dpkg, logs and locks
   (cd "$root" && find . -xdev \( -path ./var/lib/dpkg -o -path ./var/lib/apt -o -path ./var/cache -o -path ./var/log -o -path ./packages -o -path ./run \
@@ -107,9 +114,6 @@ inside test -e /var/lib/nadir-candidate-service/tokens.json -a ! -e /etc/nadir-c
 say "nadir-candidates: installed and purged; its data is left"
 
 # --- the images: built by their Dockerfiles, upon this fresh Debian as debian:12-slim, and started by their entry points ------
-command -v buildah >/dev/null || fail "buildah is not installed; to do: apt-get install buildah"
-containers() { buildah --root "$work/containers" --runroot "$work/containers-run" --storage-driver vfs "$@"; }
-quietly() { "$@" >"$work/log" 2>&1 || { cat "$work/log" >&2; fail "$*"; }; }
 base=$(containers from scratch)
 quietly containers add "$base" "$work/base.tar" /
 quietly containers commit --rm "$base" docker.io/library/debian:12-slim
@@ -118,10 +122,11 @@ image() { # NAME: the image of cmake/packaging/docker/NAME.Dockerfile, and a con
   container=$(containers from --pull-never "$1")
   root=$(containers mount "$container")
 }
-started() { # WORD...: the container's entry point, as its user
+in_container() { containers run --isolation chroot "$container" -- "$@"; } # as its user
+started() { # WORD...: the container's entry point
   local entry
   mapfile -t entry < <(containers inspect --format '{{range .OCIv1.Config.Entrypoint}}{{println .}}{{end}}' "$container" | sed '/^$/d')
-  containers run --isolation chroot "$container" -- "${entry[@]}" "$@"
+  in_container "${entry[@]}" "$@"
 }
 image nadir
 [[ $(started --version) == nadir* ]] || fail "the image of nadir does not run"
@@ -129,19 +134,19 @@ say "image of nadir: $(du -sxm "$root" | cut -f1) MiB"
 for plugin in "$packages"/nadir-network-onnxruntime_*.deb; do
   [[ -e $plugin ]] || continue
   cp "$plugin" "$root/tmp/plugin.deb"
-  quietly containers run --isolation chroot --user root "$container" -- sh -c 'apt-get update && apt-get install -y --no-install-recommends /tmp/plugin.deb'
-  containers run --isolation chroot "$container" -- ldd /usr/lib/nadir/nadir_network_onnxruntime.so | grep 'not found' && fail "the plug-in of networks lacks a library"
+  quietly in_container sh -c 'apt-get update && apt-get install -y --no-install-recommends /tmp/plugin.deb'
+  in_container ldd /usr/lib/nadir/nadir_network_onnxruntime.so | grep 'not found' && fail "the plug-in of networks lacks a library"
 done
 
 # --- planner and aircraft together: a package is built, signed, and accepted by nadird --check ----------------------------
-containers run --isolation chroot "$container" -- sh -ec "
-  cd /root
+in_container sh -ec "
+  cd /srv
   nadir simulate world --seed 7 --size-km 1 --gsd-m 0.5 --out world >/dev/null
   nadir keys create --out signer >/dev/null && nadir keys create --out root >/dev/null
   nadir keys root --root-key root.key.pem --package-signer signer.pub.pem --expires 2035-01-01 --out root.json >/dev/null
   nadir cache build --mission world/mission.yaml --imagery world/map.tif --dem world/dem.tif --key signer.key.pem --trust root.json --out package >/dev/null" || fail "nadir does not build a package"
-day=$(sed -n 's/^created: *"\?\([0-9-]*\).*/\1/p' "$root/root/world/mission.yaml")
-cp -r "$root/root/package" "$root/root/root.json" "$work/"
+day=$(sed -n 's/^created: *"\?\([0-9-]*\).*/\1/p' "$root/srv/world/mission.yaml")
+cp -r "$root/srv/package" "$root/srv/root.json" "$work/"
 image nadird
 [[ $(started --version) == nadird* ]] || fail "the image of nadird does not run"
 say "image of nadird: $(du -sxm "$root" | cut -f1) MiB"

@@ -24,6 +24,15 @@ from loop.sitl_verdict import SitlVerdict
 FLYABLE = {"none": [], **{name: SCENARIOS[name] for name in ("denied", "spoofed", "dragged", "blackout", "recovery")}}
 
 
+def assignment(word):
+    """("NAME", value) of NAME=VALUE."""
+    name, _, value = word.partition("=")
+    try:
+        return name, float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{word}': expected NAME=VALUE with a number, as GPS1_DELAY_MS=220") from None
+
+
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     program = parser.add_mutually_exclusive_group()
@@ -36,8 +45,8 @@ def arguments():
     parser.add_argument("--fps", type=float, default=3)
     parser.add_argument("--delay-s", type=float, default=0.25, help="from exposure to frame, as airframe.json says")
     parser.add_argument("--signed", action="store_true", help="provision with a key for the link")
-    parser.add_argument("--parameter", action="append", default=[], metavar="NAME=VALUE", help="one more of the autopilot's")
-    parser.add_argument("--change", metavar="NAME=VALUE", help="a parameter that provisioning set: changed before take-off, and set "
+    parser.add_argument("--parameter", type=assignment, action="append", default=[], metavar="NAME=VALUE", help="one more of the autopilot's")
+    parser.add_argument("--change", type=assignment, metavar="NAME=VALUE", help="a parameter that provisioning set: changed before take-off, and set "
                         "back; nadird must note both")
     parser.add_argument("--nadird-option", action="append", default=[], metavar="WORD", help="one more word for nadird")
     parser.add_argument("--check", action="store_true", help="exit code 1 when a limit is violated")
@@ -45,8 +54,8 @@ def arguments():
     harness.add_words(parser, width=1920)
     args = parser.parse_args()
     vehicle = Px4 if args.px4 else ArduPlane
-    if args.change and args.change.partition("=")[0] not in vehicle.listed_parameters:
-        parser.error(f"--change {args.change}: expected one of {', '.join(vehicle.listed_parameters)}")
+    if args.change and args.change[0] not in vehicle.listed_parameters:
+        parser.error(f"--change {args.change[0]}: expected one of {', '.join(vehicle.listed_parameters)}")
     args.events = args.event if args.event is not None else FLYABLE[args.scenario]
     known = vehicle.actions
     for event in args.events:
@@ -67,8 +76,7 @@ def main():
         print("NOT RUN: --arduplane or --px4 must name the program that is built for the autopilot's simulator "
               "(build/sitl/bin/arduplane, build/px4_sitl_default/bin/px4)")
         return 0
-    changed = {name: float(value) for name, value in (word.split("=") for word in args.parameter)}
-    vehicle = (Px4 if args.px4 else ArduPlane)(program, changed)
+    vehicle = (Px4 if args.px4 else ArduPlane)(program, dict(args.parameter))
     with harness.output(args, "sitl") as out:
         run = harness.fresh(out / "run")
         inputs = Inputs(harness.inputs_folder(args, out), args.nadir, width=args.width, delay_s=args.delay_s,
@@ -77,12 +85,10 @@ def main():
                       signed=args.signed, nadird_options=args.nadird_option)
         with SitlFlight(setup, vehicle) as flight:
             flight.start()
-            change = None
             if args.change:
-                name, value = args.change.split("=")
-                change = (args.change, *flight.change_before_take_off(name, float(value)))
+                flight.change_before_take_off(*args.change)
             flight.fly(args.minutes * 60)
-            verdict = SitlVerdict(flight, flight.finish(), change)
+            verdict = SitlVerdict(flight, flight.finish())
         print("\n".join(verdict.timeline()) + "\n")
         for name, text in verdict.figures():
             print(f"{name:26}{text}")

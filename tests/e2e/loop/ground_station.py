@@ -1,9 +1,14 @@
 """A ground station's end of a link to ArduPlane or PX4, with pymavlink: parameters, a mission, arming, and status texts."""
-import struct
+import math
+import pathlib
+import sys
 import time
 
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "support"))
+from simulated_autopilot import px4_protocol
 
 PATIENCE_S = 30
 SIGNING_EPOCH = 1420070400  # 2015-01-01
@@ -72,11 +77,10 @@ class GroundStation:
         def send():
             self.link.mav.param_set_send(*self._target(), name.encode(), sent, kind)
         kind = self.wait_for(name, lambda m: m.get_type() == "PARAM_VALUE" and m.param_id == name, ask).param_type
-        # PX4's integers cross as their bytes, ArduPilot's as numbers.
-        bytewise = self.vehicle.autopilot == dialect.MAV_AUTOPILOT_PX4 and kind == dialect.MAV_PARAM_TYPE_INT32
-        sent = struct.unpack("<f", struct.pack("<i", round(value)))[0] if bytewise else value
+        bytewise = self.vehicle.autopilot == dialect.MAV_AUTOPILOT_PX4 and kind == px4_protocol.INT
+        sent = px4_protocol.to_wire(round(value)) if bytewise else value
         self.wait_for(f"answer about {name}", lambda m: m.get_type() == "PARAM_VALUE" and m.param_id == name
-                      and abs(m.param_value - sent) <= 1e-6 * abs(sent) + (0 if bytewise else 1e-6), send)
+                      and math.isclose(m.param_value, sent, rel_tol=1e-6, abs_tol=0 if bytewise else 1e-6), send)
 
     def command(self, number, *values):
         """Until it is taken; SystemExit when it is not."""

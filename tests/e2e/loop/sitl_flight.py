@@ -40,6 +40,7 @@ class SitlFlight(Flight):
         self.scenario = Scenario([parse_event(text) for text in setup.events])
         self.station = None
         self.on_circuit_s = None  # boot seconds
+        self.changed = None  # (NAME=VALUE before take-off, seconds until nadird noted it, and that it was set back)
         self.done = []  # (boot seconds, what was done to it)
         self.pace = None  # seconds of its clock in one of ours
 
@@ -71,14 +72,13 @@ class SitlFlight(Flight):
         self.begun_flying = time.monotonic()
 
     def change_before_take_off(self, name, value):
-        """Like a hand at a ground station: sets a parameter that was provisioned, and sets it back. Seconds until nadird noted
-        either, None where it did not in CHANGE_S."""
+        """Like a hand at a ground station: sets a parameter that was provisioned, and sets it back."""
         self._be_ready()
-        provisioned = self.listed_parameters()[name]
-        return (self._set_and_hear(name, value, "it was provisioned as"),
-                self._set_and_hear(name, provisioned, "again, as it was provisioned"))
+        self.changed = (f"{name}={value:g}", self._set_and_hear(name, value, "it was provisioned as"),
+                        self._set_and_hear(name, self.listed_parameters()[name], "again, as it was provisioned"))
 
     def _set_and_hear(self, name, value, words):
+        """Seconds until nadird noted it; None when it did not in CHANGE_S."""
         self.station.set(name, value)
         begun = time.monotonic()
         while time.monotonic() < begun + CHANGE_S:

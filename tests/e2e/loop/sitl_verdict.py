@@ -16,20 +16,18 @@ def spread(pairs):
 
 
 class SitlVerdict:
-    def __init__(self, flight, service, change=None):
-        """change: what was set before take-off, "NAME=VALUE", and the seconds until nadird noted it and that it was set back."""
+    def __init__(self, flight, service):
         self.flight, self.track, self.service = flight, flight.track, service
-        self.change = change
         end_s = self.track.now_s
         trouble_s = flight.done[0][0] if flight.done else end_s
         self.parts = {"before": (flight.on_circuit_s, trouble_s), "after": (trouble_s + SETTLED_S, end_s)}
 
     def figures(self):
         yield "autopilot", self.flight.vehicle.version(self.flight)
-        if self.change:
-            what, *heard_s = self.change
-            yield "changed before take-off", f"{what}: noted after {{}}, set back after {{}}".format(
-                *("never" if after_s is None else f"{after_s:.1f} s" for after_s in heard_s))
+        if self.flight.changed:
+            what, *noted_s = self.flight.changed
+            yield "changed before take-off", "{}: noted after {}, set back after {}".format(
+                what, *("never" if after_s is None else f"{after_s:.1f} s" for after_s in noted_s))
         yield "its clock", f"{self.flight.pace:.3f} s in a second"
         for name, (from_s, to_s) in self.parts.items():
             if to_s <= from_s:
@@ -57,8 +55,8 @@ class SitlVerdict:
     def shortfalls(self):
         from_s, to_s = self.parts["after" if self.flight.done else "before"]
         track, found = self.track, []
-        if self.change and None in self.change:
-            found.append(f"nadird did not note {self.change[0]}, or that it was set back")
+        if self.flight.changed and None in self.flight.changed:
+            found.append(f"nadird did not note {self.flight.changed[0]}, or that it was set back")
         for what, pairs, allowed in (
                 ("the autopilot's position was off by", track.errors(track.estimated, from_s, to_s), MAX_FILTER_ERROR_M),
                 ("a given fix was off by", track.fix_errors(track.given, from_s, to_s), MAX_FIX_ERROR_M),
