@@ -114,12 +114,17 @@ class MissionsPage(support.EndToEnd):
 
     @staticmethod
     def spot(browser, east, north):
-        """Of the map, from its middle, in shares of its shorter side. At the top of the page what comes and goes below does not move it."""
-        return browser.evaluate(f"""(() => {{
+        """Of the map, from its middle, in shares of its shorter side, once it stands still. At the top of the page what comes and goes below does not move it."""
+        where = lambda: browser.evaluate(f"""(() => {{
           document.getElementById('map').scrollIntoView({{ block: 'start' }});
           const box = document.getElementById('map').getBoundingClientRect(), side = Math.min(box.width, box.height);
           return [box.left + box.width / 2 + {east} * side, box.top + box.height / 2 - {north} * side];
         }})()""")
+        before, now = None, where()
+        while now != before:
+            time.sleep(0.05)
+            before, now = now, where()
+        return now
 
     def draw(self, browser, tool, places, close=None):
         self.click(browser, f"[data-draw={tool}]")
