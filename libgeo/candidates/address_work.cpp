@@ -14,6 +14,8 @@ namespace {
 
 using Insert = CatalogueDatabase::Insert;
 
+constexpr int kWorkOfSilence = 3;  // the last address may take as long again, and the machine be busy
+
 // No two claims of a process have the same number: one of a connection that broke is none of its successor.
 std::uint64_t next_claim_number() {
   static std::atomic<std::uint64_t> last = 0;
@@ -137,16 +139,16 @@ std::vector<TileKey> AddressWork::lock_addresses(const std::string& from, const 
 }
 
 // The server ends a session that is idle within a transaction for too long. One whose client hangs in the middle of an
-// answer is not idle: the server waits until it takes the rest, for as long as the client's connection stands.
+// answer, or of rows that it sends, is not idle: the server waits for the rest as long as the client's connection
+// stands.
 void AddressWork::end_hung_claims() {
-  const std::string limit = "current_setting('idle_in_transaction_session_timeout')";
   const std::string hung = fmt::format(
       "SELECT a.pid AS pid FROM pg_stat_activity a WHERE a.datname = current_database() AND a.usename = current_user "
-      "AND a.state = 'active' AND a.wait_event = 'ClientWrite' AND {0} <> '0' "
-      "AND clock_timestamp() - a.state_change > {0}::interval "
+      "AND a.state = 'active' AND a.wait_event_type = 'Client' "
+      "AND clock_timestamp() - a.state_change > '{} ms'::interval "
       "AND EXISTS (SELECT 1 FROM pg_locks l WHERE l.pid = a.pid AND l.mode = 'RowShareLock' "
-      "AND l.relation = '{1}'::regclass)",
-      limit, database_.of("addresses"));
+      "AND l.relation = '{}'::regclass)",
+      database_.silence()->count(), database_.of("addresses"));
   database_.select(fmt::format("SELECT pg_terminate_backend(h.pid) AS ended FROM ({}) h", hung),
                    [](const CatalogueRow&) {});
 }
@@ -179,6 +181,7 @@ AddressWork::Claim AddressWork::claim(std::vector<TileKey> keys, const std::stri
   std::ranges::sort(keys);
   keys.erase(std::unique(keys.begin(), keys.end()), keys.end());  // several tiles may have asked for one
   Claim claim{.number = next_claim_number()};
+  if (const auto silence = database_.silence()) claim.work_time = *silence / kWorkOfSilence;
   std::vector<AddressTask>& addresses = claim.addresses;
   for (const TileKey& key : keys) addresses.push_back({.key = key, .standing = {.key = key}});
   if (database_.is_server()) {

@@ -8,12 +8,15 @@
 //
 // PostGIS: a claim is an open transaction that holds the addresses' rows, taken by FOR UPDATE SKIP LOCKED; each worker
 // has a connection of its own. A claim ends with its connection. A worker that is killed, cut off from the server, or
-// silent for CatalogueDatabase::kSilence_s gives its addresses back by that alone, and nothing of its work was ever
-// there. SpatiaLite: one process has the file, with one connection, which keeps the claims of its workers in memory.
+// silent for CatalogueDatabase::silence() gives its addresses back by that alone, and nothing of its work was ever
+// there. So that a slow one is not taken for one that hangs, it writes what it has found within Claim::work_time, and
+// the other addresses are free again. SpatiaLite: one process has the file, with one connection, which keeps the claims
+// of its workers in memory.
 //
 // For the thread of its CandidateCatalogue, of which it is a part.
 #pragma once
 
+#include <chrono>
 #include <map>
 #include <optional>
 #include <set>
@@ -57,7 +60,8 @@ class AddressWork {
   struct Claim {
     std::uint64_t number = 0;  // 0: of nothing
     std::vector<AddressTask> addresses{};
-    bool more = false;  // perhaps
+    bool more = false;                                     // perhaps
+    std::optional<std::chrono::milliseconds> work_time{};  // until it writes, of at least one address; nullopt: any
   };
   // The addresses of the first `limit` tiles of a complete upload whose bytes are there and that have no verdict, but
   // for some tiles. Other uploads' tiles at these addresses come with them.
@@ -65,9 +69,9 @@ class AddressWork {
   // Up to `limit` addresses whose accepted tiles have not been voted on, except those in `but`.
   Claim claim_votes(std::size_t limit, const std::set<TileKey>& but = {});
 
-  // Writes all results in one transaction and ends the claim. Tiles that `revoked` keys have signed, by now, are
-  // rejected, and an address with such a tile, or with one that was withdrawn meanwhile, has to be voted on again.
-  // False: the claim was lost meanwhile, and nothing is written.
+  // Writes the results, of all addresses or of some, in one transaction and ends the claim. Tiles that `revoked` keys
+  // have signed, by now, are rejected, and an address with such a tile, or with one that was withdrawn meanwhile, has
+  // to be voted on again. False: the claim was lost meanwhile, and nothing is written.
   [[nodiscard]] bool write(const Claim& claim, std::span<AddressResult> results, std::int64_t now_ms,
                            const std::set<std::string>& revoked);
   void release(const Claim& claim);

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <span>
 #include <utility>
@@ -218,7 +219,12 @@ TileEvaluation::Piece TileEvaluation::work_on(CatalogueThread& catalogue, const 
   const std::int64_t now_ms = clock_.now().unix_s * 1000;
   Piece piece{.more = claim.more};
   std::vector<AddressResult> results;
+  const auto begun = std::chrono::steady_clock::now();
   for (const AddressTask& task : claim.addresses) {
+    if (!results.empty() && claim.work_time && std::chrono::steady_clock::now() - begun > *claim.work_time) {
+      piece.more = true;
+      break;
+    }
     std::optional<Error> why_unvoted;
     results.push_back(evaluate(task, now_ms, why_unvoted));
     const AddressResult& result = results.back();

@@ -10,6 +10,7 @@
 #include <array>
 #include <charconv>
 #include <chrono>
+#include <cstdlib>
 #include <filesystem>
 #include <thread>
 
@@ -305,8 +306,12 @@ void CatalogueDatabase::add_shared_tables() {
 }
 
 void CatalogueDatabase::limit_silence() {
-  if (query_value("SHOW idle_in_transaction_session_timeout") != "0") return;
-  execute(fmt::format("SET idle_in_transaction_session_timeout = '{}s'", kSilence_s), "setting up the connection");
+  constexpr const char* kSetting = "idle_in_transaction_session_timeout";
+  const auto set = query_value(fmt::format("SELECT setting::bigint FROM pg_settings WHERE name = '{}'", kSetting));
+  silence_ = std::chrono::milliseconds(std::atoll(set.value_or("0").c_str()));
+  if (silence_->count() > 0) return;
+  silence_ = kSilence;
+  execute(fmt::format("SET {} = {}", kSetting, kSilence.count()), "setting up the connection");
 }
 
 void CatalogueDatabase::execute(const std::string& sql, const char* doing) {

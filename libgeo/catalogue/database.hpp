@@ -4,6 +4,7 @@
 // at most integers are formatted.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -110,7 +111,9 @@ class CatalogueDatabase {
 
   // A session that is silent for so long within a transaction is ended by the server, and its locks with it: whoever
   // hangs blocks nobody for longer. A limit that the server, the role or PGOPTIONS sets takes precedence.
-  static constexpr int kSilence_s = 120;
+  static constexpr std::chrono::milliseconds kSilence = std::chrono::seconds(120);
+  // The limit of this session; nullopt: none. A file, or it only reads.
+  std::optional<std::chrono::milliseconds> silence() const { return silence_; }
 
   [[noreturn]] void fail(std::string what) const;  // throws Error with the database's message
 
@@ -137,6 +140,7 @@ class CatalogueDatabase {
   };
   std::unique_ptr<GDALDataset, CloseDataset> dataset_;
   bool in_transaction_ = false;
+  std::optional<std::chrono::milliseconds> silence_;
 };
 
 // Without commit() everything is taken back.

@@ -21,7 +21,7 @@ import unittest
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent / "support")]
 from ground_station import Service, Station, flights_in  # noqa: E402
-from postgres import Server  # noqa: E402
+from postgres import BINARIES, Server  # noqa: E402
 
 PROGRAM, MAKE = sys.argv[1:3]
 TEMPORARY = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
@@ -119,8 +119,8 @@ class Workers(unittest.TestCase):
                 worker.send_signal(signal.SIGCONT)
                 worker.kill()
             worker.wait()
-            worker.stdout.close()
-            worker.stderr.close()
+            for stream in filter(None, (worker.stdin, worker.stdout, worker.stderr)):
+                stream.close()
 
     def finish(self, export=False, **environment):
         """One more worker does what is left; then nothing is lost, and nothing is there twice."""
@@ -223,6 +223,23 @@ class Workers(unittest.TestCase):
         _, errors = hanging.communicate(timeout=60)
         self.assertEqual(0, hanging.returncode, errors)
         self.assertEqual(self.expected, self.decisions(self.name))
+
+    def test_one_that_hangs_in_the_middle_of_its_rows_loses_them_too(self):
+        """Its session is not idle either: the server waits for the rest of a COPY."""
+        hanging = subprocess.Popen([BINARIES / "psql", "-X", "-v", "ON_ERROR_STOP=1", "-d", self.name], env=self.server.env, text=True,
+                                   stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        self.started.append(hanging)
+        hanging.stdin.write("BEGIN; SELECT 1 FROM nadir_candidates.addresses LIMIT 5 FOR UPDATE; COPY nadir_candidates.revoked_keys FROM STDIN;\n")
+        hanging.stdin.flush()
+        sending = f"SELECT pid FROM pg_stat_activity WHERE datname = '{self.name}' AND state = 'active' AND wait_event = 'ClientRead'"
+        while not self.psql(sending):
+            self.assertIsNone(hanging.poll())
+        self.finish(PGOPTIONS=IMPATIENT)
+        self.assertEqual("", self.psql(sending))
+
+    def test_a_slow_one_is_not_taken_for_one_that_hangs(self):
+        """The limit is shorter than what a claim takes: it writes what it has, and claims the rest again."""
+        self.finish(PGOPTIONS="-c idle_in_transaction_session_timeout=300")
 
     def test_connections_that_are_lost(self):
         workers = [self.start(), self.start()]
