@@ -174,10 +174,18 @@ void AutopilotLink::receive(double now_s) {
     recognize_autopilot(now_s, message);
     request_streams(now_s, message);
     note_message(now_s, message);
-    predict_motion(now_s, message);
-    listener_.on_message(now_s, message);
+    const double arrived_s = this->arrived_s(now_s, message);
+    predict_motion(arrived_s, message);
+    listener_.on_message(now_s, arrived_s, message);
   };
   link_.advance(us(now_s), handle, [&](MavlinkAddress claimed) { report_unauthenticated_peer(now_s, claimed); });
+  last_look_s_ = now_s;
+}
+
+double AutopilotLink::arrived_s(double now_s, const ReceivedMessage& received) {
+  const auto stamp = stamp_us(received.message);
+  if (!stamp || received.source.system != airframe_.system) return now_s;
+  return arrivals_[received.source.component].arrived_s(last_look_s_.value_or(now_s), now_s, *stamp);
 }
 
 // Ground stations get what is meant for people, loggers all.
@@ -200,7 +208,7 @@ void AutopilotLink::advance_stations(double now_s) {
                            std::holds_alternative<SetLocalOrigin>(message.message);
       if (station.setup.role != StationRole::ground_station || !command) return;
       ++station.commands;
-      listener_.on_message(now_s, message);
+      listener_.on_message(now_s, now_s, message);
     });
   }
 }
@@ -316,15 +324,15 @@ void AutopilotLink::note_message(double now_s, const ReceivedMessage& received) 
 }
 
 // Between frames, and above all without them, the fix follows the aircraft's motion.
-void AutopilotLink::predict_motion(double now_s, const ReceivedMessage& received) {
+void AutopilotLink::predict_motion(double arrived_s, const ReceivedMessage& received) {
   if (received.source.system != airframe_.system || received.source.component != airframe_.autopilot) return;
   const auto single = [](double value) { return static_cast<float>(value); };
   if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
-    fixes_.on_input(us(now_s), FixInputRecord::Attitude{single(attitude->roll_rad), single(attitude->pitch_rad),
-                                                        single(attitude->yaw_rad)});
+    fixes_.on_input(us(arrived_s), FixInputRecord::Attitude{single(attitude->roll_rad), single(attitude->pitch_rad),
+                                                            single(attitude->yaw_rad)});
   } else if (const auto* imu = std::get_if<ImuSample>(&received.message); imu != nullptr && imu->instance == 1) {
     const Vector3& force = imu->acceleration_mps2;
-    fixes_.on_input(us(now_s), FixInputRecord::Acceleration{single(force.x), single(force.y), single(force.z)});
+    fixes_.on_input(us(arrived_s), FixInputRecord::Acceleration{single(force.x), single(force.y), single(force.z)});
   }
 }
 

@@ -22,6 +22,7 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -32,6 +33,7 @@
 #include "base/error.hpp"
 #include "fixes/autopilot_backend.hpp"
 #include "fixes/fix_stream.hpp"
+#include "flight/arrival_time.hpp"
 #include "flight/gps_fusion_switch.hpp"
 #include "flight/parameter_watch.hpp"
 #include "mavlink/link.hpp"
@@ -128,7 +130,8 @@ class AutopilotLink {
  public:
   // Called on the link's thread: must be quick.
   struct Listener {
-    std::function<void(double now_s, const ReceivedMessage&)> on_message;
+    // arrived_s: before now where it had to wait for us (arrival_time.hpp).
+    std::function<void(double now_s, double arrived_s, const ReceivedMessage&)> on_message;
     std::function<void(double distance_m)> on_jump;  // the next fix lies so far from the last one
     // A peer claims to be the autopilot without a valid signature; at most once a second.
     std::function<void()> on_unauthenticated_peer;
@@ -204,7 +207,8 @@ class AutopilotLink {
   void compare_parameters(double now_s, const IncomingMessage& message);
   void request_streams(double now_s, const ReceivedMessage& message);
   void note_message(double now_s, const ReceivedMessage& received);
-  void predict_motion(double now_s, const ReceivedMessage& received);
+  double arrived_s(double now_s, const ReceivedMessage& received);
+  void predict_motion(double arrived_s, const ReceivedMessage& received);
   void report_unauthenticated_peer(double now_s, MavlinkAddress claimed);
   void report_rivals(double now_s);
   void send_everywhere(const OutgoingMessage& message, std::int64_t now_us);
@@ -246,7 +250,8 @@ class AutopilotLink {
   ServiceStatus status_;
   State state_;
 
-  std::optional<double> last_fix_s_, requested_s_, unsent_since_s_, unauthenticated_s_, rivals_s_;
+  std::map<std::uint8_t, ArrivalTime> arrivals_;  // by component, of our system
+  std::optional<double> last_look_s_, last_fix_s_, requested_s_, unsent_since_s_, unauthenticated_s_, rivals_s_;
   std::uint64_t rivals_ = 0;  // reported
   ThreadWatch::Beat beat_;
   std::jthread thread_;  // last: it uses everything above

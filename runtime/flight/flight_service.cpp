@@ -205,7 +205,9 @@ void FlightService::start_link() {
                            .switch_gps = options_.switch_gps};
   if (options_.link_key) setup.key = SigningKey::read(*options_.link_key);
   AutopilotLink::Listener listener;
-  listener.on_message = [this](double now_s, const ReceivedMessage& message) { on_message(now_s, message); };
+  listener.on_message = [this](double now_s, double arrived_s, const ReceivedMessage& message) {
+    on_message(now_s, arrived_s, message);
+  };
   listener.on_jump = [this](double distance_m) { publish(FixJumped{distance_m}); };
   listener.on_unauthenticated_peer = [this] { publish(AutopilotHeartbeat{LinkAuthentication::missing, false}); };
   listener.on_fix = [this](DueFix due) { record_fix(std::move(due)); };
@@ -255,10 +257,10 @@ void FlightService::on_localized(const LocalizedFrame& frame) {
 }
 
 // On the link's thread.
-void FlightService::on_message(double now_s, const ReceivedMessage& received) {
+void FlightService::on_message(double now_s, double arrived_s, const ReceivedMessage& received) {
   const bool ours = received.source.system == airframe_.system && received.source.component == airframe_.autopilot;
   const auto telemetry = [&](const auto& message) {
-    if (ours && localization_) localization_->on_message(now_s, message);
+    if (ours && localization_) localization_->on_message(arrived_s, message);
   };
   if (const auto* heartbeat = std::get_if<Heartbeat>(&received.message)) {
     if (ours && is_supported(heartbeat->autopilot)) {
@@ -269,7 +271,7 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
   } else if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
     telemetry(*attitude);
   } else if (const auto* gimbal = std::get_if<GimbalAttitude>(&received.message)) {
-    on_gimbal(now_s, received.source, *gimbal);
+    on_gimbal(now_s, arrived_s, received.source, *gimbal);
   } else if (const auto* position = std::get_if<GlobalPosition>(&received.message)) {
     telemetry(*position);
   } else if (const auto* distance = std::get_if<GroundDistance>(&received.message)) {
@@ -300,13 +302,13 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
 }
 
 // On the link's thread. Of the gimbal that carries the camera alone.
-void FlightService::on_gimbal(double now_s, MavlinkAddress source, const GimbalAttitude& attitude) {
+void FlightService::on_gimbal(double now_s, double arrived_s, MavlinkAddress source, const GimbalAttitude& attitude) {
   if (!airframe_.gimbal || source != MavlinkAddress{airframe_.system, airframe_.gimbal->component} ||
       attitude.device != airframe_.gimbal->device || attitude.faulty) {
     return;
   }
   gimbal_s_ = now_s;
-  if (localization_) localization_->on_message(now_s, attitude);
+  if (localization_) localization_->on_message(arrived_s, attitude);
 }
 
 // On the link's thread.

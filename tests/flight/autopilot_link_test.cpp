@@ -23,14 +23,28 @@ constexpr LonLat kPlace{8.5, 47.4};
 
 class HeldClock final : public FlightClock {
  public:
-  double monotonic_s() const override { return now_s_; }
+  double monotonic_s() const override {
+    ++asking_;
+    const std::scoped_lock lock(gate_);
+    --asking_;
+    return now_s_;
+  }
   std::int64_t unix_us() const override { return 1'760'000'000'000'000 + static_cast<std::int64_t>(now_s_ * 1e6); }
   const std::string& boot_id() const override { return boot_id_; }
   bool wait_until(double, std::stop_token) const override { return false; }
   void go_on(double seconds) { now_s_ = now_s_ + seconds; }
 
+  // Who asks for the time waits for as long as this is there; somebody does when it returns.
+  std::unique_lock<std::mutex> hold() {
+    std::unique_lock held(gate_);
+    while (asking_ == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    return held;
+  }
+
  private:
   std::atomic<double> now_s_{100};
+  mutable std::atomic<int> asking_ = 0;
+  mutable std::mutex gate_;
   std::string boot_id_ = "boot";
 };
 
@@ -41,26 +55,26 @@ class AutopilotLinkTest : public ::testing::Test {
     airframe.gps_id = 1;
     AutopilotLinkSetup setup{airframe, make_transport(parse_endpoint(peer_.endpoint())), std::nullopt};
     setup.switch_gps = true;
-    link_ =
-        std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_,
-                                        AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) {
-                                                                  const std::scoped_lock lock(mutex_);
-                                                                  received_.emplace_back(now_s, message);
-                                                                },
-                                                                [this](double metres) {
-                                                                  const std::scoped_lock lock(mutex_);
-                                                                  jumps_m_.push_back(metres);
-                                                                },
-                                                                {},
-                                                                {},
-                                                                [this](DueFix due) {
-                                                                  const std::scoped_lock lock(mutex_);
-                                                                  due_.push_back(std::move(due));
-                                                                },
-                                                                [this](OnboardEvent event) {
-                                                                  const std::scoped_lock lock(mutex_);
-                                                                  parameter_events_.push_back(std::move(event));
-                                                                }});
+    link_ = std::make_unique<AutopilotLink>(
+        std::move(setup), clock_, watch_,
+        AutopilotLink::Listener{[this](double, double arrived_s, const ReceivedMessage& message) {
+                                  const std::scoped_lock lock(mutex_);
+                                  received_.emplace_back(arrived_s, message);
+                                },
+                                [this](double metres) {
+                                  const std::scoped_lock lock(mutex_);
+                                  jumps_m_.push_back(metres);
+                                },
+                                {},
+                                {},
+                                [this](DueFix due) {
+                                  const std::scoped_lock lock(mutex_);
+                                  due_.push_back(std::move(due));
+                                },
+                                [this](OnboardEvent event) {
+                                  const std::scoped_lock lock(mutex_);
+                                  parameter_events_.push_back(std::move(event));
+                                }});
     link_->start();
     peer_.listen_until([&] { return heartbeats() == 1; });
   }
@@ -355,7 +369,8 @@ TEST(AutopilotLinkState, APortThatCannotBeOpenedIsKnownOnceTheLinkIsStarted) {
   AutopilotLinkSetup setup{.airframe = {},
                            .transport = make_transport(parse_endpoint("serial:/dev/nadir-no-such-port:57600")),
                            .key = std::nullopt};
-  AutopilotLink link(std::move(setup), clock, watch, {[](double, const ReceivedMessage&) {}, [](double) {}, {}, {}});
+  AutopilotLink link(std::move(setup), clock, watch,
+                     {[](double, double, const ReceivedMessage&) {}, [](double) {}, {}, {}});
   link.start();
   EXPECT_FALSE(link.state().open);
   EXPECT_EQ(AutopilotLink::why_silent(link.state(), true),
@@ -364,6 +379,30 @@ TEST(AutopilotLinkState, APortThatCannotBeOpenedIsKnownOnceTheLinkIsStarted) {
   open.error.clear();
   EXPECT_EQ(AutopilotLink::why_silent(open, true), "no heartbeat with a valid signature");
   EXPECT_EQ(AutopilotLink::why_silent(open, false), "no heartbeat");
+}
+
+// What came in while the thread had no processor: else an attitude of a second ago would be that of now.
+TEST_F(AutopilotLinkTest, MessagesThatWaitedHaveTheTimesAtWhichTheyArrived) {
+  const auto send = [this](std::uint32_t boot_ms) {
+    mavlink_message_t message;
+    mavlink_msg_attitude_pack(7, 1, &message, boot_ms, 0.1F, 0.2F, 0.3F, 0, 0, 0);
+    peer_.send(message);
+  };
+  const auto arrived = [this] {
+    const std::scoped_lock lock(mutex_);
+    std::vector<double> times_s;
+    for (const auto& [time_s, message] : received_) times_s.push_back(time_s);
+    return times_s;
+  };
+  send(5000);
+  while (arrived().empty()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  {
+    const auto held = clock_.hold();
+    for (std::uint32_t i = 1; i <= 9; ++i) send(5000 + 100 * i);
+    clock_.go_on(1);
+  }
+  while (arrived().size() < 10) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  for (std::size_t i = 0; i < 10; ++i) EXPECT_NEAR(arrived()[i], 100 + 0.1 * static_cast<double>(i), 1e-9);
 }
 
 TEST_F(AutopilotLinkTest, AnotherAutopilotGetsNothing) {
@@ -607,7 +646,7 @@ class ListeningLink : public ::testing::Test {
     setup.stations = std::move(stations);
     link_ =
         std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_,
-                                        AutopilotLink::Listener{[this](double, const ReceivedMessage& message) {
+                                        AutopilotLink::Listener{[this](double, double, const ReceivedMessage& message) {
                                                                   const std::scoped_lock lock(mutex_);
                                                                   received_.push_back(message);
                                                                 },
