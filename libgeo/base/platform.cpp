@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <cstdlib>
 #include <ctime>
+#include <fstream>
 #include <limits>
 #include <string>
 #include <system_error>
@@ -54,6 +55,12 @@ double thread_processor_s() {
   timespec now{};
   ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+double thread_delayed_s() {
+  double running_ns = 0, waiting_ns = 0;
+  std::ifstream("/proc/thread-self/schedstat") >> running_ns >> waiting_ns;
+  return 1e-9 * waiting_ns;
 }
 
 std::vector<std::filesystem::path> plugin_folders() {

@@ -36,6 +36,9 @@ void keep_freed_memory();
 // Processor time of the calling thread so far.
 double thread_processor_s();
 
+// How long the calling thread has waited for a processor so far, ready to go on; 0 where the kernel does not count it.
+double thread_delayed_s();
+
 // The search path of plug-ins: the folder of the program, and ../lib/nadir of an installation.
 std::vector<std::filesystem::path> plugin_folders();
 

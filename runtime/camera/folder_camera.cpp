@@ -22,6 +22,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/platform.hpp"
 #include "imagery/frame_image.hpp"
 
 namespace nadir {
@@ -95,6 +96,15 @@ bool is_complete_webp(ByteView bytes) {
 }
 
 constexpr std::uint64_t kMaxImageSize = std::uint64_t{1} << 28;
+
+// When the file last changed, in our monotonic seconds; nullopt: it is gone.
+std::optional<double> changed_s(const fs::path& file, const FlightClock& clock) {
+  struct stat info {};
+  if (::stat(file.c_str(), &info) != 0) return std::nullopt;
+  const double ago_s = 1e-6 * static_cast<double>(clock.unix_us()) - static_cast<double>(info.st_ctim.tv_sec) -
+                       1e-9 * static_cast<double>(info.st_ctim.tv_nsec);
+  return clock.monotonic_s() - ago_s;
+}
 
 CameraReading failure(std::string detail) { return {CameraStatus::failure, {}, std::move(detail)}; }
 
@@ -187,23 +197,25 @@ std::optional<CameraReading> FolderCamera::open() {
 
 // all: every image; else only those that are not older than the last delivered one.
 void FolderCamera::scan_folder(bool all) {
-  const double now_s = clock_.monotonic_s();
+  const Noticed now = notice();
   std::error_code error;
   for (fs::directory_iterator file(folder_, error), end; !error && file != end; file.increment(error)) {
     if (!has_image_name(file->path())) continue;
     const auto version = version_of(file->path());
     if (!version || (!all && version->modified_ns < last_.modified_ns)) continue;
-    pending_.emplace(version->name, now_s);
+    pending_.emplace(version->name, now);
   }
 }
 
 // nullopt: nothing to deliver or report.
-std::optional<CameraReading> FolderCamera::take(const std::string& name, double time_s) {
+std::optional<CameraReading> FolderCamera::take(const std::string& name, const Noticed& noticed) {
   const fs::path file = folder_ / name;
   const auto before = version_of(file);
   if (!before || *before == last_) return std::nullopt;
   try {
-    CameraFrame frame{name, time_s, read_file(file, kMaxImageSize), std::nullopt};
+    const double arrived_s = std::clamp(changed_s(file, clock_).value_or(noticed.time_s),
+                                        noticed.time_s - noticed.delayed_s, noticed.time_s);
+    CameraFrame frame{name, arrived_s, read_file(file, kMaxImageSize), std::nullopt};
     if (version_of(file) != before) return std::nullopt;  // being rewritten: its writer will close it
     if (!is_complete_image(frame.bytes)) {
       return CameraReading{CameraStatus::bad_frame, {}, name + " is truncated or not an image"};
@@ -214,6 +226,12 @@ std::optional<CameraReading> FolderCamera::take(const std::string& name, double 
     if (!fs::exists(file)) return std::nullopt;
     return CameraReading{CameraStatus::bad_frame, {}, error.what()};
   }
+}
+
+// Since it last looked, this thread was ready for so long without a processor.
+FolderCamera::Noticed FolderCamera::notice() {
+  const double delayed_s = thread_delayed_s();
+  return {clock_.monotonic_s(), std::max(0.0, delayed_s - std::exchange(delayed_s_, delayed_s))};
 }
 
 CameraReading FolderCamera::next(std::chrono::milliseconds at_most, std::stop_token stop) {
@@ -229,9 +247,9 @@ CameraReading FolderCamera::next(std::chrono::milliseconds at_most, std::stop_to
     pending_.clear();
     return failure("the folder is gone");
   }
-  const double now_s = clock_.monotonic_s();
+  const Noticed now = notice();
   for (const std::string& name : changes.finished) {
-    if (has_image_name(name)) pending_.insert_or_assign(name, now_s);
+    if (has_image_name(name)) pending_.insert_or_assign(name, now);
   }
   if (changes.overflowed) scan_folder(false);
   while (!pending_.empty() && !stop.stop_requested()) {

@@ -3,6 +3,9 @@
 // An image is delivered when its writer has closed it or moved it into place, and only when it is complete. Pending
 // images are delivered in the order of their names. A truncated file is reported as a failure, and delivered once its
 // writer has completed it.
+//
+// An image has the time at which it is noticed. Where this thread had to wait for a processor before, the file's own
+// time of its last change says when within that time it came.
 #pragma once
 
 #include <cstdint>
@@ -47,18 +50,24 @@ class FolderCamera final : public CameraSource {
     bool operator==(const Version&) const = default;
   };
 
+  struct Noticed {
+    double time_s = 0, delayed_s = 0;  // it may have come by so much before
+  };
+
   static std::optional<Version> version_of(const std::filesystem::path& file);
 
   std::optional<CameraReading> open();
   void scan_folder(bool all);
-  std::optional<CameraReading> take(const std::string& name, double time_s);
+  std::optional<CameraReading> take(const std::string& name, const Noticed& noticed);
+  Noticed notice();
 
   std::filesystem::path folder_;
   const FlightClock& clock_;
   Backlog backlog_;
   std::unique_ptr<FolderWatch> watch_;
-  std::map<std::string, double> pending_;  // by name: when it was noticed
-  Version last_;                           // delivered last
+  std::map<std::string, Noticed> pending_;  // by name
+  double delayed_s_ = 0;                    // thread_delayed_s() when it last looked
+  Version last_;                            // delivered last
 };
 
 }  // namespace nadir

@@ -5,9 +5,11 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <gtest/gtest.h>
+#include <sched.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <fstream>
 #include <opencv2/core.hpp>
 #include <thread>
@@ -247,6 +249,49 @@ TEST_F(FolderCameraTest, StopAndAnImageEndTheWait) {
   write("a.jpg", picture(10));
   waiting.join();
   EXPECT_EQ(got, "a.jpg");
+}
+
+// A thread of real-time priority keeps the camera's one from its processor.
+TEST_F(FolderCameraTest, AnImageThatIsNoticedLateHasTheTimeAtWhichItCame) {
+  constexpr double kHeld_s = 0.8;
+  cpu_set_t allowed, one;
+  ASSERT_EQ(::sched_getaffinity(0, sizeof allowed, &allowed), 0);
+  if (CPU_COUNT(&allowed) < 2) GTEST_SKIP() << "there is one processor alone";
+  std::size_t cpu = 0;
+  while (!CPU_ISSET(cpu, &allowed)) ++cpu;
+  CPU_ZERO(&one);
+  CPU_SET(cpu, &one);
+  cpu_set_t others = allowed;
+  CPU_CLR(cpu, &others);
+  ASSERT_EQ(::sched_setaffinity(0, sizeof others, &others), 0);
+
+  const SystemFlightClock clock;
+  FolderCamera camera(folder_.path(), clock);
+  EXPECT_EQ(name(camera), "nothing");
+  CameraReading reading;
+  std::jthread waiting([&] {
+    ::sched_setaffinity(0, sizeof one, &one);
+    reading = camera.next(60s, {});
+  });
+  std::atomic<int> holds = 0;  // 1: it does; −1: it may not
+  const double end_s = clock.monotonic_s() + kHeld_s;
+  std::jthread holding([&] {
+    ::sched_setaffinity(0, sizeof one, &one);
+    const sched_param first{.sched_priority = 1};
+    holds = ::sched_setscheduler(0, SCHED_FIFO, &first) == 0 ? 1 : -1;
+    while (holds > 0 && clock.monotonic_s() < end_s) {
+    }
+  });
+  while (holds == 0) std::this_thread::sleep_for(1ms);
+  write("a.jpg", picture(1));
+  const double written_s = clock.monotonic_s();
+  holding.join();
+  waiting.join();
+  ASSERT_EQ(::sched_setaffinity(0, sizeof allowed, &allowed), 0);
+  if (holds < 0) GTEST_SKIP() << "no right to a real-time priority";
+  ASSERT_EQ(reading.status, CameraStatus::frame);
+  EXPECT_LT(reading.frame.time_s, written_s + kHeld_s / 2);
+  EXPECT_GT(reading.frame.time_s, written_s - kHeld_s / 2);
 }
 
 TEST(CompleteImage, DetectsEveryTruncation) {
