@@ -57,6 +57,7 @@ class Setup:
     speed: float = 1  # times real time; nadird must have a clock that goes as fast
     environment: dict = dataclasses.field(default_factory=dict)  # of nadird, besides ours
     autopilot: str = "ardupilot"  # of AUTOPILOTS
+    processor: object = None  # nadird's ProcessorShare
     as_of_creation: bool = True  # nadird judges as of the package's creation; then it remembers nothing, and resumes nothing
 
     def rows(self):
@@ -116,7 +117,10 @@ class Flight:
 
     def start_service(self, name="service"):
         """nadird, or the stand-in. The name selects the log."""
-        self.service = self.programs.start(name, self._service_command(), self.setup.environment)
+        command = self._service_command()
+        if self.setup.processor is not None:
+            command = self.setup.processor.words(command)
+        self.service = self.programs.start(name, command, self.setup.environment)
         if self.setup.stand_in is not None:
             self.programs.wait_until_says(self.service, "listening")
 

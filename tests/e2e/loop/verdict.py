@@ -8,6 +8,8 @@ FOLLOWS_SPOOF_M = 100  # a fix this far off follows a 300 m spoofing step
 LATENCY_P95_MS = 120
 DROPPED_SHARE = 0.1
 BY_PICTURES = ("satellite_anchored", "vo_extrapolated")  # they change all the time
+SIGMAS_OF_95 = 2.448  # of a circular Gaussian, in one axis' sigma
+FRESH_S = 0.1  # a fix is judged where it was given, not where the aircraft has flown to since
 MEMORY_GROWTH_PERCENT = 10  # ± 5 %, after the first minute
 
 
@@ -32,6 +34,18 @@ class Verdict:
             if float(row["time_s"]) >= self.after_s and row["source"] == "gps_input":
                 return float(row["time_s"]) - self.after_s
         return None
+
+    def sigmas_off(self):
+        """Of each row with a fresh fix: how far that was off, in its own sigmas."""
+        fresh = [row for row in self.rows if row["given_error_m"] and float(row["given_age_s"]) <= FRESH_S and float(row["given_accuracy_m"] or 0) > 0]
+        return [float(row["given_error_m"]) / float(row["given_accuracy_m"]) for row in fresh]
+
+    def _accuracy(self):
+        sigmas = self.sigmas_off()
+        if not sigmas:
+            return "none was given"
+        within = sum(one <= SIGMAS_OF_95 for one in sigmas) / len(sigmas)
+        return f"{100 * within:.1f} % within their 95 %, the worst {max(sigmas):.1f} sigmas off"
 
     def shortfalls(self, everything=True):
         """The violated limits as text. everything: also those that depend on the load of the machine."""
@@ -74,6 +88,7 @@ class Verdict:
                                      f"{deviation['max']:.1f} m"),
             ("given fix from truth", "none was given" if fix is None else
              f"median {fix['median']:.1f}, p95 {fix['p95']:.1f}, max {fix['max']:.1f} m over {fix['count']} fixes"),
+            ("their own accuracy", self._accuracy()),
             ("flown by given fixes", f"{100 * self.share_given():.1f} % after the first trouble"
                                      + ("" if promotion is None else f", from {promotion:.1f} s after it on")),
             ("GPS_INPUT", ", ".join(f"{n} {word}" for word, n in sorted(self.summary["gps_input"].items())) or "none"),
