@@ -14,9 +14,9 @@ MavlinkLink::MavlinkLink(std::unique_ptr<Transport> transport, MavlinkAddress ow
                          std::optional<MavlinkAddress> peer)
     : transport_(std::move(transport)), own_(own), signing_(std::move(signing)), peer_(peer) {}
 
-void MavlinkLink::advance(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
+bool MavlinkLink::advance(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
                           const std::function<void(MavlinkAddress)>& rejected) {
-  transport_->advance(monotonic_us, [&](const Transport::Arrival& arrival) {
+  return transport_->advance(monotonic_us, [&](const Transport::Arrival& arrival) {
     reader_.add(arrival.bytes);
     if (arrival.whole || arrival.lost) reader_.finish();
     drain(monotonic_us, handle, rejected);

@@ -48,8 +48,8 @@ class MavlinkLink {
   const Transport& transport() const { return *transport_; }
 
   // Reads and writes what is possible. Frames that the signing rules reject are counted and dropped; `rejected` gets
-  // the sender that they claim. Our own frames that a network echoes are dropped too.
-  void advance(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
+  // the sender that they claim. Our own frames that a network echoes are dropped too. False: there may be more to read.
+  bool advance(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
                const std::function<void(MavlinkAddress claimed)>& rejected = {});
 
   // False: dropped because the link is down or its buffer is full.

@@ -188,7 +188,7 @@ class UdpTransport final : public Transport {
  public:
   explicit UdpTransport(Endpoint endpoint);
 
-  void advance(std::int64_t monotonic_us, const Sink& sink) override;
+  bool advance(std::int64_t monotonic_us, const Sink& sink) override;
   bool send(ByteView frame) override;
   bool follow_sender(std::int64_t monotonic_us) override;
   bool answer_sender(ByteView frame) override;
@@ -237,9 +237,9 @@ std::uint16_t UdpTransport::local_port() const {
                                                      : reinterpret_cast<sockaddr_in*>(address.get())->sin_port);
 }
 
-void UdpTransport::advance(std::int64_t monotonic_us, const Sink& sink) {
+bool UdpTransport::advance(std::int64_t monotonic_us, const Sink& sink) {
   if (!socket_) {
-    if (monotonic_us < retry_us_) return;
+    if (monotonic_us < retry_us_) return true;
     retry_us_ = monotonic_us + kRetry_us;
     open();
   }
@@ -250,15 +250,16 @@ void UdpTransport::advance(std::int64_t monotonic_us, const Sink& sink) {
     if (got < 0) {
       // "Connection refused" answers an earlier datagram of ours: the other end is not up yet.
       if (errno == EINTR || errno == ECONNREFUSED) continue;
-      if (errno == EAGAIN) return;
+      if (errno == EAGAIN) return true;
       last_error_ = to_string(endpoint_) + ": " + system_error_text(errno);
       socket_.close();
       ++counts_.lost;
-      return;
+      return true;
     }
     counts_.bytes_in += static_cast<std::uint64_t>(got);
     sink({.bytes = {buffer.data(), static_cast<std::size_t>(got)}, .whole = true});
   }
+  return !socket_;
 }
 
 bool UdpTransport::follow_sender(std::int64_t monotonic_us) {
@@ -294,7 +295,7 @@ class StreamTransport final : public Transport {
  public:
   explicit StreamTransport(Endpoint endpoint);
 
-  void advance(std::int64_t monotonic_us, const Sink& sink) override;
+  bool advance(std::int64_t monotonic_us, const Sink& sink) override;
   bool send(ByteView frame) override;
   bool is_open() const override { return fd_ && !connecting_; }
   int descriptor() const override { return fd_.get(); }
@@ -412,14 +413,14 @@ void StreamTransport::write_queued(const Sink& sink) {
   }
 }
 
-void StreamTransport::advance(std::int64_t monotonic_us, const Sink& sink) {
+bool StreamTransport::advance(std::int64_t monotonic_us, const Sink& sink) {
   if (!fd_) {
-    if (monotonic_us < retry_us_) return;
+    if (monotonic_us < retry_us_) return true;
     retry_us_ = monotonic_us + kRetry_us;
     open(monotonic_us);
   }
   if (fd_ && connecting_) finish_connecting(monotonic_us, sink);
-  if (!is_open()) return;
+  if (!is_open()) return true;
   write_queued(sink);
   std::array<std::uint8_t, 4096> buffer;
   for (int i = 0; fd_ && i < kReadsPerCall; ++i) {
@@ -427,15 +428,16 @@ void StreamTransport::advance(std::int64_t monotonic_us, const Sink& sink) {
     if (got < 0) {
       if (errno == EINTR) continue;
       if (errno != EAGAIN) lose(errno, sink);
-      return;
+      return true;
     }
     if (got == 0) {
       lose(0, sink);
-      return;
+      return true;
     }
     counts_.bytes_in += static_cast<std::uint64_t>(got);
     sink({.bytes = {buffer.data(), static_cast<std::size_t>(got)}});
   }
+  return !fd_;
 }
 
 bool StreamTransport::send(ByteView frame) {

@@ -58,8 +58,9 @@ class Transport {
 
   virtual ~Transport() = default;
 
-  // Opens when due, writes the buffer, passes on what arrived (at most about 64 KiB per call).
-  virtual void advance(std::int64_t monotonic_us, const Sink& sink) = 0;
+  // Opens when due, writes the buffer, passes on what arrived (at most about 64 KiB per call). False: there may be
+  // more.
+  virtual bool advance(std::int64_t monotonic_us, const Sink& sink) = 0;
 
   // False: dropped, and counted.
   virtual bool send(ByteView frame) = 0;

@@ -2,11 +2,10 @@
 //
 // A busy computer reads late, and what has arrived meanwhile it reads at once: in a turn, an attitude of half a second
 // ago is another one. The sender's stamps tell such messages apart, but count by another clock. The least of
-// (read − stamp) is the difference of the two clocks and the least delay. With it, and because whatever was there when
-// we last looked would have been read then,
+// (read − stamp), in the last kLeastDelayOver_s or twice that, is the difference of the two clocks and the least delay.
+// With it, and because whatever was there when we last read everything would have been read then,
 //
-//   arrived = max(stamp + min (read − stamp), last look) ≤ read     the minimum of the last kLeastDelayOver_s, or twice
-//   that
+//   arrived = max(stamp + min (read − stamp), last look) ≤ read
 //
 // Where we look in time, a message arrived when it was read, whatever a link's delay or a simulator's clock do.
 #pragma once
@@ -24,7 +23,7 @@ inline constexpr double kMostDisorder_s = 1;  // by which stamps may go back in 
 
 class ArrivalTime {
  public:
-  // Our monotonic seconds; read_s does not go back. last_look_s: when all that was there was last read.
+  // Our monotonic seconds; read_s does not go back. last_look_s: when all that was there was read.
   double arrived_s(double last_look_s, double read_s, std::uint64_t stamp_us);
 
  private:

@@ -178,8 +178,8 @@ void AutopilotLink::receive(double now_s) {
     predict_motion(arrived_s, message);
     listener_.on_message(now_s, arrived_s, message);
   };
-  link_.advance(us(now_s), handle, [&](MavlinkAddress claimed) { report_unauthenticated_peer(now_s, claimed); });
-  last_look_s_ = now_s;
+  const auto rejected = [&](MavlinkAddress claimed) { report_unauthenticated_peer(now_s, claimed); };
+  if (link_.advance(us(now_s), handle, rejected)) last_look_s_ = now_s;
 }
 
 double AutopilotLink::arrived_s(double now_s, const ReceivedMessage& received) {

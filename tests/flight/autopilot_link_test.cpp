@@ -398,11 +398,11 @@ TEST_F(AutopilotLinkTest, MessagesThatWaitedHaveTheTimesAtWhichTheyArrived) {
   while (arrived().empty()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   {
     const auto held = clock_.hold();
-    for (std::uint32_t i = 1; i <= 9; ++i) send(5000 + 100 * i);
+    for (std::uint32_t i = 1; i < 100; ++i) send(5000 + 10 * i);  // more than are read at once
     clock_.go_on(1);
   }
-  while (arrived().size() < 10) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  for (std::size_t i = 0; i < 10; ++i) EXPECT_NEAR(arrived()[i], 100 + 0.1 * static_cast<double>(i), 1e-9);
+  while (arrived().size() < 100) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  for (std::size_t i = 0; i < 100; ++i) EXPECT_NEAR(arrived()[i], 100 + 0.01 * static_cast<double>(i), 1e-9);
 }
 
 TEST_F(AutopilotLinkTest, AnotherAutopilotGetsNothing) {
