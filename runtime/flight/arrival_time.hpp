@@ -7,7 +7,8 @@
 //
 //   arrived = max(stamp + min (read − stamp), last look) ≤ read
 //
-// Where we look in time, a message arrived when it was read, whatever a link's delay or a simulator's clock do.
+// Where we look often that is the time of reading, to within the time between two looks, whatever a link's delay or a
+// simulator's clock do.
 #pragma once
 
 #include <cstdint>

@@ -44,7 +44,7 @@ def arguments():
     parser.add_argument("--signed", action="store_true", help="sign the link")
     parser.add_argument("--unfavoured", action="store_true",
                         help="the CPU weight of an ordinary program instead of a service's")
-    parser.add_argument("--processor", metavar="MS/PERIOD_MS", help="nadird gets so many milliseconds of processor in each period (as root)")
+    parser.add_argument("--processor", type=ProcessorShare, metavar="MS/PERIOD_MS", help="nadird gets so many milliseconds of processor in each period (as root)")
     parser.add_argument("--check", nargs="?", const="all", choices=("rules", "all"),
                         help="exit code 1 when a limit is violated; rules: of docs/onboard.md and of the track, whatever else "
                              "keeps the machine busy; all: how quick it was and how much memory it took as well")
@@ -96,8 +96,7 @@ def main():
         setup = Setup(inputs, run, args.nadir, args.nadird, events, args.minutes, args.fps, args.delay_s, args.seed,
                       args.own_receiver, args.signed, args.stand_in, not args.unfavoured, args.nadird_option,
                       autopilot=args.autopilot)
-        share = ProcessorShare(args.processor) if args.processor else contextlib.nullcontext()
-        with share as setup.processor, Flight(setup) as flight, BadReaders(args.readers) as readers:
+        with args.processor or contextlib.nullcontext() as setup.processor, Flight(setup) as flight, BadReaders(args.readers) as readers:
             flight.start()
             readers.begin(flight.api_port)
             flight.wait()
