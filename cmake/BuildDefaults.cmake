@@ -31,11 +31,11 @@ endif()
 add_compile_options("-ffile-prefix-map=${PROJECT_SOURCE_DIR}=." "-ffile-prefix-map=${PROJECT_BINARY_DIR}=./build")
 
 # Compiled by itself, a source costs mostly the reading of headers and the templates in them (docs/building.md): the sources of
-# a folder are compiled sixteen at a time. So names in anonymous namespaces are unique in their folder. OFF compiles each source by itself:
+# a folder are compiled up to 32 at a time. So names in anonymous namespaces are unique in their folder. OFF compiles each source by itself:
 # for clang-tidy, and now and then to see that each includes what it uses.
 option(NADIR_UNITY "Compile the sources of a folder together" ON)
 set(CMAKE_UNITY_BUILD ${NADIR_UNITY})
-set(CMAKE_UNITY_BUILD_BATCH_SIZE 16)
+set(CMAKE_UNITY_BUILD_BATCH_SIZE 32)
 
 set(CMAKE_RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/bin")
 set(CMAKE_ARCHIVE_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/lib")

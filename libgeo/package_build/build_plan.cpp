@@ -81,19 +81,19 @@ std::optional<bool> whole_tile_inside(const std::vector<GlobalPixel>& outline, c
 
 // The part of the tile inside the outline: 256 x 256, 255 inside.
 cv::Mat rasterize_outline(const std::vector<MercatorXY>& outline, const TileKey& key) {
-  constexpr int kShift = 8;
+  constexpr int kFraction_bits = 8;
   constexpr double kFar = 4.0e6;  // pixels; keeps the fixed-point numbers in range
   std::vector<cv::Point> corners;
   for (const MercatorXY& point : outline) {
     const GlobalPixel pixel = pixel_from_mercator(point, key.z);
     const auto fixed = [=](double value) {
-      return static_cast<int>(std::lround(std::clamp(value, -kFar, kFar) * (1 << kShift)));
+      return static_cast<int>(std::lround(std::clamp(value, -kFar, kFar) * (1 << kFraction_bits)));
     };
     corners.emplace_back(fixed(pixel.x - static_cast<double>(key.x) * kTileSize - 0.5),
                          fixed(pixel.y - static_cast<double>(key.y) * kTileSize - 0.5));
   }
   cv::Mat inside(kTileSize, kTileSize, CV_8UC1, cv::Scalar(0));
-  cv::fillPoly(inside, std::vector<std::vector<cv::Point>>{corners}, cv::Scalar(255), cv::LINE_8, kShift);
+  cv::fillPoly(inside, std::vector<std::vector<cv::Point>>{corners}, cv::Scalar(255), cv::LINE_8, kFraction_bits);
   return inside;
 }
 

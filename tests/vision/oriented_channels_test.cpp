@@ -9,7 +9,7 @@
 namespace nadir {
 namespace {
 
-cv::Mat picture() { return test::Landscape(3, 60).map(0.5).image; }  // 240 x 240
+cv::Mat landscape_picture() { return test::Landscape(3, 60).map(0.5).image; }  // 240 x 240
 
 double worst_difference(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF); }
 
@@ -29,7 +29,7 @@ INSTANTIATE_TEST_SUITE_P(OrientedChannels, BothSets,
                          testing::Values(ChannelSet::double_angle, ChannelSet::six_orientations));
 
 TEST_P(BothSets, AreInvariantToContrastReversal) {
-  const cv::Mat image = picture();
+  const cv::Mat image = landscape_picture();
   const Channels one = oriented_channels(image, {}, GetParam());
   const Channels other = oriented_channels(255 - image, {}, GetParam());
   ASSERT_EQ(one.pairs.size(), GetParam() == ChannelSet::double_angle ? 1U : 3U);
@@ -40,7 +40,7 @@ TEST_P(BothSets, AreInvariantToContrastReversal) {
 }
 
 TEST_P(BothSets, NormaliseContrast) {
-  const cv::Mat image = picture();
+  const cv::Mat image = landscape_picture();
   cv::Mat dim;
   image.convertTo(dim, CV_8U, 0.5, 60);
   const Channels one = oriented_channels(image, {}, GetParam());
@@ -52,7 +52,7 @@ TEST_P(BothSets, NormaliseContrast) {
 
 // A quarter turn of the image turns every orientation into its perpendicular: these share a pair and swap places.
 TEST(OrientedChannels, AQuarterTurnPermutesTheChannels) {
-  const cv::Mat image = picture();
+  const cv::Mat image = landscape_picture();
   cv::Mat turned;
   cv::rotate(image, turned, cv::ROTATE_90_CLOCKWISE);
   const auto before = planes(oriented_channels(image, {}, ChannelSet::six_orientations));
@@ -85,7 +85,7 @@ TEST(OrientedChannels, AnEdgeActivatesItsOrientation) {
 
 // What lies beyond the mask must not leak in: two images that differ only there have the same channels.
 TEST(OrientedChannels, TheMaskedBorderIsExcluded) {
-  const cv::Mat image = picture();
+  const cv::Mat image = landscape_picture();
   cv::Mat mask(image.size(), CV_8UC1, cv::Scalar(0));
   cv::circle(mask, {120, 120}, 80, cv::Scalar(255), cv::FILLED);
   cv::Mat other = image.clone();

@@ -68,7 +68,7 @@ std::optional<Spread> spread_of(std::vector<double> values) {
   return Spread{at(0.5), at(0.95), values.back()};
 }
 
-std::string minutes_text(double seconds) {
+std::string flight_clock(double seconds) {
   const auto whole = static_cast<int>(seconds);
   return fmt::format("{}:{:02}", whole / 60, whole % 60);
 }
@@ -130,7 +130,7 @@ class LoopFlight {
 
  private:
   void say(const std::string& text) {
-    if (!context_.quiet) context_.err << fmt::format("{:>6}  {}", minutes_text(aircraft_.now_s()), text) << std::endl;
+    if (!context_.quiet) context_.err << fmt::format("{:>6}  {}", flight_clock(aircraft_.now_s()), text) << std::endl;
   }
 
   void happen() {
