@@ -22,6 +22,13 @@ inline constexpr double kLeastDelayOver_s = 5;
 inline constexpr double kMostDelay_s = 30;    // beyond: its clock is another one now
 inline constexpr double kMostDisorder_s = 1;  // by which stamps may go back in messages that overtook each other
 
+// A message's times by our monotonic clock. What it measured counts from arrived_s, what follows from it for us from
+// read_s.
+struct MessageTimes {
+  double arrived_s;  // <= read_s
+  double read_s;
+};
+
 class ArrivalTime {
  public:
   // Our monotonic seconds; read_s does not go back. last_look_s: when all that was there was read.

@@ -176,7 +176,7 @@ void AutopilotLink::receive(double now_s) {
     note_message(now_s, message);
     const double arrived_s = this->arrived_s(now_s, message);
     predict_motion(arrived_s, message);
-    listener_.on_message(now_s, arrived_s, message);
+    listener_.on_message({.arrived_s = arrived_s, .read_s = now_s}, message);
   };
   const auto rejected = [&](MavlinkAddress claimed) { report_unauthenticated_peer(now_s, claimed); };
   if (link_.advance(us(now_s), handle, rejected)) last_look_s_ = now_s;
@@ -208,7 +208,7 @@ void AutopilotLink::advance_stations(double now_s) {
                            std::holds_alternative<SetLocalOrigin>(message.message);
       if (station.setup.role != StationRole::ground_station || !command) return;
       ++station.commands;
-      listener_.on_message(now_s, now_s, message);
+      listener_.on_message({.arrived_s = now_s, .read_s = now_s}, message);
     });
   }
 }

@@ -130,8 +130,7 @@ class AutopilotLink {
  public:
   // Called on the link's thread: must be quick.
   struct Listener {
-    // arrived_s: before now where it had to wait for us (arrival_time.hpp).
-    std::function<void(double now_s, double arrived_s, const ReceivedMessage&)> on_message;
+    std::function<void(const MessageTimes&, const ReceivedMessage&)> on_message;
     std::function<void(double distance_m)> on_jump;  // the next fix lies so far from the last one
     // A peer claims to be the autopilot without a valid signature; at most once a second.
     std::function<void()> on_unauthenticated_peer;

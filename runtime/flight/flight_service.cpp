@@ -205,8 +205,8 @@ void FlightService::start_link() {
                            .switch_gps = options_.switch_gps};
   if (options_.link_key) setup.key = SigningKey::read(*options_.link_key);
   AutopilotLink::Listener listener;
-  listener.on_message = [this](double now_s, double arrived_s, const ReceivedMessage& message) {
-    on_message(now_s, arrived_s, message);
+  listener.on_message = [this](const MessageTimes& times, const ReceivedMessage& message) {
+    on_message(times, message);
   };
   listener.on_jump = [this](double distance_m) { publish(FixJumped{distance_m}); };
   listener.on_unauthenticated_peer = [this] { publish(AutopilotHeartbeat{LinkAuthentication::missing, false}); };
@@ -257,10 +257,10 @@ void FlightService::on_localized(const LocalizedFrame& frame) {
 }
 
 // On the link's thread.
-void FlightService::on_message(double now_s, double arrived_s, const ReceivedMessage& received) {
+void FlightService::on_message(const MessageTimes& times, const ReceivedMessage& received) {
   const bool ours = received.source.system == airframe_.system && received.source.component == airframe_.autopilot;
   const auto telemetry = [&](const auto& message) {
-    if (ours && localization_) localization_->on_message(arrived_s, message);
+    if (ours && localization_) localization_->on_message(times.arrived_s, message);
   };
   if (const auto* heartbeat = std::get_if<Heartbeat>(&received.message)) {
     if (ours && is_supported(heartbeat->autopilot)) {
@@ -271,7 +271,7 @@ void FlightService::on_message(double now_s, double arrived_s, const ReceivedMes
   } else if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
     telemetry(*attitude);
   } else if (const auto* gimbal = std::get_if<GimbalAttitude>(&received.message)) {
-    on_gimbal(now_s, arrived_s, received.source, *gimbal);
+    on_gimbal(times, received.source, *gimbal);
   } else if (const auto* position = std::get_if<GlobalPosition>(&received.message)) {
     telemetry(*position);
   } else if (const auto* distance = std::get_if<GroundDistance>(&received.message)) {
@@ -283,32 +283,32 @@ void FlightService::on_message(double now_s, double arrived_s, const ReceivedMes
   } else if (const auto* gps = std::get_if<GpsRaw>(&received.message)) {
     if (ours && is_real_receiver(autopilot_, *gps, airframe_.gps_id)) {
       telemetry(*gps);
-      receiver_ = TimedReceiver{now_s, *gps};
-      publish(
-          GpsFix3d{now_s, gps->fix >= GpsFix::three_d, gps->place, gps->ground_speed_mps, gps->horizontal_accuracy_m});
+      receiver_ = TimedReceiver{times.read_s, *gps};
+      publish(GpsFix3d{times.read_s, gps->fix >= GpsFix::three_d, gps->place, gps->ground_speed_mps,
+                       gps->horizontal_accuracy_m});
     }
   } else if (const auto* ekf = std::get_if<EkfStatus>(&received.message)) {
-    if (ours) publish(EkfReport{now_s, ekf->horizontal_position_absolute, ekf->gps_glitching});
+    if (ours) publish(EkfReport{times.read_s, ekf->horizontal_position_absolute, ekf->gps_glitching});
   } else if (const auto* estimator = std::get_if<EstimatorStatus>(&received.message)) {
     if (!ours) return;
     const bool glitch = estimator->gps_glitching && !link_->gps_is_off();
-    publish(EkfReport{now_s, estimator->horizontal_position_absolute, glitch});
+    publish(EkfReport{times.read_s, estimator->horizontal_position_absolute, glitch});
   } else if (stream_finder_ && received.source.system == airframe_.system) {
     stream_finder_->on_message(received.source, received.message);
-    on_command(now_s, received);
+    on_command(times.read_s, received);
   } else {
-    on_command(now_s, received);
+    on_command(times.read_s, received);
   }
 }
 
 // On the link's thread. Of the gimbal that carries the camera alone.
-void FlightService::on_gimbal(double now_s, double arrived_s, MavlinkAddress source, const GimbalAttitude& attitude) {
+void FlightService::on_gimbal(const MessageTimes& times, MavlinkAddress source, const GimbalAttitude& attitude) {
   if (!airframe_.gimbal || source != MavlinkAddress{airframe_.system, airframe_.gimbal->component} ||
       attitude.device != airframe_.gimbal->device || attitude.faulty) {
     return;
   }
-  gimbal_s_ = now_s;
-  if (localization_) localization_->on_message(arrived_s, attitude);
+  gimbal_s_ = times.read_s;
+  if (localization_) localization_->on_message(times.arrived_s, attitude);
 }
 
 // On the link's thread.

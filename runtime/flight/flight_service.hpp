@@ -151,8 +151,8 @@ class FlightService {
   // On the threads of the parts
   void publish(OnboardEvent event);  // from any thread
   void on_localized(const LocalizedFrame& frame);
-  void on_message(double now_s, double arrived_s, const ReceivedMessage& message);
-  void on_gimbal(double now_s, double arrived_s, MavlinkAddress source, const GimbalAttitude& attitude);
+  void on_message(const MessageTimes& times, const ReceivedMessage& message);
+  void on_gimbal(const MessageTimes& times, MavlinkAddress source, const GimbalAttitude& attitude);
   void on_command(double now_s, const ReceivedMessage& received);
   void record_fix(DueFix due);
 

@@ -57,9 +57,9 @@ class AutopilotLinkTest : public ::testing::Test {
     setup.switch_gps = true;
     link_ = std::make_unique<AutopilotLink>(
         std::move(setup), clock_, watch_,
-        AutopilotLink::Listener{[this](double, double arrived_s, const ReceivedMessage& message) {
+        AutopilotLink::Listener{[this](const MessageTimes& times, const ReceivedMessage& message) {
                                   const std::scoped_lock lock(mutex_);
-                                  received_.emplace_back(arrived_s, message);
+                                  received_.emplace_back(times.arrived_s, message);
                                 },
                                 [this](double metres) {
                                   const std::scoped_lock lock(mutex_);
@@ -370,7 +370,7 @@ TEST(AutopilotLinkState, APortThatCannotBeOpenedIsKnownOnceTheLinkIsStarted) {
                            .transport = make_transport(parse_endpoint("serial:/dev/nadir-no-such-port:57600")),
                            .key = std::nullopt};
   AutopilotLink link(std::move(setup), clock, watch,
-                     {[](double, double, const ReceivedMessage&) {}, [](double) {}, {}, {}});
+                     {[](const MessageTimes&, const ReceivedMessage&) {}, [](double) {}, {}, {}});
   link.start();
   EXPECT_FALSE(link.state().open);
   EXPECT_EQ(AutopilotLink::why_silent(link.state(), true),
@@ -644,15 +644,15 @@ class ListeningLink : public ::testing::Test {
     airframe.system = 7;
     AutopilotLinkSetup setup{.airframe = airframe, .transport = std::move(transport), .key = std::nullopt};
     setup.stations = std::move(stations);
-    link_ =
-        std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_,
-                                        AutopilotLink::Listener{[this](double, double, const ReceivedMessage& message) {
-                                                                  const std::scoped_lock lock(mutex_);
-                                                                  received_.push_back(message);
-                                                                },
-                                                                [](double) {},
-                                                                {},
-                                                                [this](std::uint64_t frames) { rivals_ = frames; }});
+    link_ = std::make_unique<AutopilotLink>(
+        std::move(setup), clock_, watch_,
+        AutopilotLink::Listener{[this](const MessageTimes&, const ReceivedMessage& message) {
+                                  const std::scoped_lock lock(mutex_);
+                                  received_.push_back(message);
+                                },
+                                [](double) {},
+                                {},
+                                [this](std::uint64_t frames) { rivals_ = frames; }});
     if (and_start) link_->start();
     ServiceStatus status;
     status.state = ServiceState::normal;

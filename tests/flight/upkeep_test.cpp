@@ -53,9 +53,9 @@ class UpkeepAtTheEnd : public ::testing::Test {
     upkeep_->tend();
     AutopilotLinkSetup link;
     link.transport = make_transport(parse_endpoint(peer_.endpoint()));
-    link_ =
-        std::make_unique<AutopilotLink>(std::move(link), clock_, watch_,
-                                        AutopilotLink::Listener{[](double, double, const ReceivedMessage&) {}, {}, {}});
+    link_ = std::make_unique<AutopilotLink>(
+        std::move(link), clock_, watch_,
+        AutopilotLink::Listener{[](const MessageTimes&, const ReceivedMessage&) {}, {}, {}});
     link_->start();
     upkeep_->start(*link_);
   }
