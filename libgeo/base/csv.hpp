@@ -1,4 +1,4 @@
-// Comma-separated tables with a header row (RFC 4180), read strictly through libcsv.
+// Comma-separated tables with a header row (RFC 4180): read strictly through libcsv, and their cells written.
 #pragma once
 
 #include <cstddef>
@@ -38,5 +38,12 @@ class CsvTable {
   std::vector<std::vector<std::string>> rows_;
   std::vector<std::size_t> lines_;
 };
+
+// Text as a cell: in quotes where it needs them.
+std::string csv_cell(std::string_view text);
+
+// Text that others chose, for a person's spreadsheet: always in quotes, and one that begins as a formula does is marked
+// as text.
+std::string spreadsheet_cell(std::string_view text);
 
 }  // namespace nadir

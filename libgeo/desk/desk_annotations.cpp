@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "base/csv.hpp"
 #include "base/error.hpp"
 #include "base/printable.hpp"
 #include "geodesy/angles.hpp"
@@ -203,21 +204,14 @@ std::string objects_geojson(const json& objects) {
   return json{{"type", "FeatureCollection"}, {"features", features}}.dump();
 }
 
-// RFC 4180; a name that a spreadsheet would take for a formula is marked as text.
-std::string csv_cell(const std::string& text) {
-  std::string cell;
-  if (!text.empty() && std::string_view("=+-@").find(text.front()) != std::string_view::npos) cell = "'";
-  for (const char c : text) cell += c == '"' ? std::string("\"\"") : std::string(1, c);
-  return "\"" + cell + "\"";
-}
-
 std::string objects_csv(const json& objects) {
   std::string text =
       "id,name,lat_deg,lon_deg,height_m,ellipse_95_major_m,ellipse_95_minor_m,ellipse_95_bearing_deg,agrees,sightings,"
       "time\n";
   for (const json& object : objects) {
     const json& place = object["place"];
-    text += fmt::format("{},{},", object["id"].get<std::int64_t>(), csv_cell(object["name"].get<std::string>()));
+    text +=
+        fmt::format("{},{},", object["id"].get<std::int64_t>(), spreadsheet_cell(object["name"].get<std::string>()));
     if (place.is_null()) {
       text += ",,,,,,,";
     } else {

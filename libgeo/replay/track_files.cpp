@@ -5,16 +5,10 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "base/csv.hpp"
 #include "base/error.hpp"
 
 namespace nadir {
-
-std::string csv_cell(const std::string& text) {
-  if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
-  std::string quoted = "\"";
-  for (const char c : text) quoted += c == '"' ? std::string("\"\"") : std::string(1, c);
-  return quoted + '"';
-}
 
 EstimatesCsv::EstimatesCsv(const std::filesystem::path& path) : path_(path), file_(path, std::ios::binary) {
   file_ << header() << '\n' << std::flush;

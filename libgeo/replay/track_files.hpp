@@ -12,9 +12,6 @@
 
 namespace nadir {
 
-// A cell of a table (RFC 4180): in quotes where it needs them.
-std::string csv_cell(const std::string& text);
-
 class EstimatesCsv {
  public:
   explicit EstimatesCsv(const std::filesystem::path& path);  // writes the header; throws Error

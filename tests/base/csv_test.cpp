@@ -87,5 +87,23 @@ TEST_F(Csv, NamesTheMissingColumn) {
   }
 }
 
+TEST(CsvCell, IsInQuotesWhereItNeedsThem) {
+  EXPECT_EQ(csv_cell("a.jpg"), "a.jpg");
+  EXPECT_EQ(csv_cell(""), "");
+  EXPECT_EQ(csv_cell("-1.5"), "-1.5");
+  EXPECT_EQ(csv_cell("a,b"), "\"a,b\"");
+  EXPECT_EQ(csv_cell("12\" lens"), "\"12\"\" lens\"");
+  EXPECT_EQ(csv_cell("a\nb"), "\"a\nb\"");
+}
+
+TEST(CsvCell, OfOthersTextIsNoFormulaToASpreadsheet) {
+  EXPECT_EQ(spreadsheet_cell("a \"b\", c"), "\"a \"\"b\"\", c\"");
+  EXPECT_EQ(spreadsheet_cell(""), "\"\"");
+  for (const std::string start : {"=", "+", "-", "@", "\t", "\r"}) {
+    EXPECT_EQ(spreadsheet_cell(start + "1"), "\"'" + start + "1\"");
+    EXPECT_EQ(spreadsheet_cell("1" + start), "\"1" + start + "\"");
+  }
+}
+
 }  // namespace
 }  // namespace nadir

@@ -1,6 +1,7 @@
 #include "commands/cache/cache_report.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -11,6 +12,7 @@
 #include <sstream>
 #include <utility>
 
+#include "base/csv.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/printable.hpp"
@@ -306,17 +308,6 @@ class Map {
 // was asked for}. A set with very many tiles is shown at a coarser zoom, each cell as bad as the worst tile in it.
 json coverage_map(const CacheReport& report) { return Map(report).document(); }
 
-// RFC 4180. A spreadsheet takes a cell that begins with = + - @ for a formula: what comes from a file must not be one.
-std::string csv_cell(const std::string& text) {
-  std::string cell = "\"";
-  if (!text.empty() && std::string_view("=+-@\t\r").find(text[0]) != std::string_view::npos) cell += '\'';
-  for (const char c : printable(text)) {
-    if (c == '"') cell += '"';
-    cell += c;
-  }
-  return cell + '"';
-}
-
 // Inside a table of Markdown.
 std::string markdown_cell(const std::string& text) {
   std::string cell;
@@ -353,9 +344,12 @@ std::string findings_text(const CacheReport& report) {
 std::string findings_csv(const Findings& findings) {
   std::string csv = "code,severity,where,expected,found,fix\r\n";
   for (const Finding& finding : findings.items()) {
-    csv += fmt::format("{},{},{},{},{},{}\r\n", csv_cell(finding.code),
-                       csv_cell(std::string(name_of(finding.severity))), csv_cell(finding.where),
-                       csv_cell(finding.expected), csv_cell(finding.found), csv_cell(finding.fix));
+    std::vector<std::string> cells;
+    for (const auto& text : {finding.code, std::string(name_of(finding.severity)), finding.where, finding.expected,
+                             finding.found, finding.fix}) {
+      cells.push_back(spreadsheet_cell(printable(text)));
+    }
+    csv += fmt::format("{}\r\n", fmt::join(cells, ","));
   }
   return csv;
 }

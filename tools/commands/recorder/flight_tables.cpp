@@ -8,6 +8,7 @@
 #include <string_view>
 #include <utility>
 
+#include "base/csv.hpp"
 #include "base/printable.hpp"
 #include "base/time.hpp"
 #include "geodesy/angles.hpp"
@@ -253,15 +254,8 @@ FlightTables read_flight_tables(const std::filesystem::path& recording, const st
 
 namespace {
 
-std::string quoted(const std::string& text) {
-  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
-  std::string result = "\"";
-  for (const char c : text) result += c == '"' ? std::string("\"\"") : std::string(1, c);
-  return result + '"';
-}
-
-std::string csv_cell(const Cell& cell) {
-  if (const auto* text = std::get_if<std::string>(&cell)) return quoted(printable(*text));
+std::string text_of_cell(const Cell& cell) {
+  if (const auto* text = std::get_if<std::string>(&cell)) return csv_cell(printable(*text));
   if (const auto* number = std::get_if<double>(&cell)) return std::isfinite(*number) ? fmt::format("{}", *number) : "";
   if (const auto* number = std::get_if<std::int64_t>(&cell)) return fmt::format("{}", *number);
   return "";
@@ -275,7 +269,7 @@ std::string csv_of(const Table& table) {
   text += table.places ? ",lat_deg,lon_deg\n" : "\n";
   for (const TableRow& row : table.rows) {
     std::string line;
-    for (std::size_t i = 0; i < row.cells.size(); ++i) line += (i == 0 ? "" : ",") + csv_cell(row.cells[i]);
+    for (std::size_t i = 0; i < row.cells.size(); ++i) line += (i == 0 ? "" : ",") + text_of_cell(row.cells[i]);
     if (table.places) line += row.place ? fmt::format(",{:.9f},{:.9f}", row.place->lat_deg, row.place->lon_deg) : ",,";
     text += line + "\n";
   }
