@@ -33,7 +33,7 @@ constexpr int kPreviewSide_px = 1024;
 constexpr int kPreviewQuality = 80;
 constexpr std::int64_t kPreviewTime_ms = 10'000;
 
-ApiResponse later(int status, std::string type, std::string detail) {
+ApiResponse try_later(int status, std::string type, std::string detail) {
   ApiResponse response = answer({.status = status, .type = std::move(type), .detail = std::move(detail)});
   response.headers.emplace_back("Retry-After", "2");
   return response;
@@ -75,7 +75,7 @@ class Query {
   }
   std::size_t take_number(const std::string& name, std::size_t value, std::size_t most) {
     const std::string text = take(name, std::to_string(value));
-    const auto number = whole_number(text);
+    const auto number = index_from(text);
     if (!number || *number > most) wrong_ = true;
     return number.value_or(value);
   }
@@ -96,7 +96,7 @@ std::optional<EstimateKind> parse_kind(std::string_view name) {
 ApiResponse events(const ApiRequest& request, const std::shared_ptr<LiveFlight>& flight) {
   Query query(request.target);
   const std::string* const header = request.header("last-event-id");
-  const auto after = whole_number(query.take("after", header != nullptr ? *header : "0"));
+  const auto after = index_from(query.take("after", header != nullptr ? *header : "0"));
   if (!after || !query.parsed()) {
     return invalid_query("?after, or the header Last-Event-ID, is the number of the last event that the reader has");
   }
@@ -217,7 +217,7 @@ std::variant<std::shared_ptr<HttpAdmission>, ApiResponse> DeskApi::admit(const A
   const std::uint64_t length = header.content_length.value_or(0);
   if (bodies_bytes_.fetch_add(length) + length > options_.bodies_bytes) {
     bodies_bytes_ -= length;
-    return later(429, "too-many-requests", "others are sending now; send the same again");
+    return try_later(429, "too-many-requests", "others are sending now; send the same again");
   }
   admission->share = admission->body_bytes = length;
   admission->busy = route->body_max > 0;
@@ -232,7 +232,7 @@ void DeskApi::serve(ApiRequest request, const HttpAdmission& admitted, const Ser
     shared.reset();
     std::exchange(respond, nullptr)(std::move(response));  // with it goes the connection
   });
-  if (!taken) respond(later(429, "too-many-requests", "too many requests wait; send the same again"));
+  if (!taken) respond(try_later(429, "too-many-requests", "too many requests wait; send the same again"));
 }
 
 ApiResponse DeskApi::handle(const ApiRequest& request) const {
@@ -247,7 +247,7 @@ ApiResponse DeskApi::answered(const DeskRoute& route, const ApiRequest& request)
   try {
     response = dispatch(route, request);
   } catch (const DeskBusy& error) {
-    response = later(503, "busy", detail_of(error));
+    response = try_later(503, "busy", detail_of(error));
   } catch (const OutOfSpace& error) {
     response = answer({.status = 507, .type = "storage-full", .detail = detail_of(error)});
   } catch (const UsageError& error) {

@@ -3,10 +3,10 @@
 #include <fmt/format.h>
 
 #include <array>
-#include <charconv>
 #include <utility>
 #include <vector>
 
+#include "base/whole_number.hpp"
 #include "http/multipart.hpp"
 
 namespace nadir {
@@ -63,7 +63,7 @@ std::optional<DeskRoute> object_route(DeskRoute route, const std::vector<std::st
   if (parts.size() == 5) return with_json(std::move(route), DeskPath::object, "GET, HEAD, PATCH, DELETE", method);
   if (parts[5] != "sightings") return std::nullopt;
   if (parts.size() == 6) return with_json(std::move(route), DeskPath::sightings, "POST", method);
-  const auto part = whole_number(parts[6]);
+  const auto part = index_from(parts[6]);
   if (!part || parts.size() > 7) return std::nullopt;
   route.path = DeskPath::sighting, route.methods = "DELETE";
   route.part = static_cast<std::int64_t>(*part);
@@ -76,7 +76,7 @@ std::optional<DeskRoute> flight_route(const std::vector<std::string>& parts, std
   if (parts.size() == 3) return route;
   const std::string& what = parts[3];
   if (parts.size() == 4) return list_route(std::move(route), what, method, picture_bytes);
-  const auto number = whole_number(parts[4]);
+  const auto number = index_from(parts[4]);
   if (!number) return std::nullopt;
   route.frame = *number;
   route.item = static_cast<std::int64_t>(*number);
@@ -160,12 +160,9 @@ std::optional<DeskRoute> mission_route(const std::vector<std::string>& parts, st
 
 }  // namespace
 
-std::optional<std::size_t> whole_number(std::string_view text) {
-  std::uint32_t value = 0;
-  const char* const end = text.data() + text.size();
-  const auto [stopped, error] = std::from_chars(text.data(), end, value);
-  if (error != std::errc{} || stopped != end || value > 1'000'000'000) return std::nullopt;
-  return value;
+std::optional<std::size_t> index_from(std::string_view text) {
+  const auto number = whole_number<std::uint32_t>(text);
+  return number && *number <= 1'000'000'000 ? std::optional<std::size_t>(*number) : std::nullopt;
 }
 
 std::optional<DeskRoute> desk_route(std::string_view path, std::string_view method, std::uint64_t picture_bytes) {

@@ -90,6 +90,6 @@ std::optional<ApiResponse> refusal(const DeskRoute& route, const ApiRequest& hea
 std::string lane_of(const DeskRoute& route);
 
 // A number in a path or a query, at most 1e9.
-std::optional<std::size_t> whole_number(std::string_view text);
+std::optional<std::size_t> index_from(std::string_view text);
 
 }  // namespace nadir

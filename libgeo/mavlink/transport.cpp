@@ -13,13 +13,13 @@
 
 #include <array>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
 #include <optional>
 #include <string>
 #include <utility>
 
 #include "base/error.hpp"
+#include "base/whole_number.hpp"
 
 namespace nadir {
 namespace {
@@ -108,13 +108,6 @@ SocketAddress socket_address(const std::string& host, std::uint16_t port) {
                     .fix = "write, for example, udpin:0.0.0.0:14550 or serial:/dev/ttyAMA0:921600"});
 }
 
-std::optional<int> whole_number(std::string_view text) {
-  int value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (text.empty() || error != std::errc() || end != text.data() + text.size()) return std::nullopt;
-  return value;
-}
-
 bool is_address(const std::string& host) {
   unsigned char bytes[16];
   return ::inet_pton(AF_INET, host.c_str(), bytes) == 1 || ::inet_pton(AF_INET6, host.c_str(), bytes) == 1;
@@ -130,7 +123,7 @@ Endpoint parse_endpoint(std::string_view text) {
   }
   const std::string_view kind = text.substr(0, first);
   std::string where(text.substr(first + 1, last - first - 1));
-  const std::optional<int> number = whole_number(text.substr(last + 1));
+  const std::optional<int> number = whole_number<int>(text.substr(last + 1));
 
   Endpoint endpoint;
   if (kind == "serial") {

@@ -17,9 +17,9 @@
 namespace nadir {
 namespace {
 
-std::int64_t rounded(double value, double unit) { return std::llround(value / unit); }
-std::int64_t ppm(double share) { return std::clamp<std::int64_t>(rounded(share, 1e-6), 0, 1'000'000); }
-std::int64_t mdeg(double rad) { return rounded(degrees(rad), 1e-3); }
+std::int64_t whole_units(double value, double unit) { return std::llround(value / unit); }
+std::int64_t ppm(double share) { return std::clamp<std::int64_t>(whole_units(share, 1e-6), 0, 1'000'000); }
+std::int64_t mdeg(double rad) { return whole_units(degrees(rad), 1e-3); }
 
 constexpr std::int64_t kFullTurn_mdeg = 360'000;
 
@@ -76,22 +76,22 @@ CandidateSidecar CandidateMaker::sidecar_of(const PosedFrame& seen, CandidateTru
   sidecar.format = flight_.format;
   sidecar.captured_at = seen.captured_at;
   sidecar.source = seen.pose.source;
-  sidecar.anchor_age_ms = rounded(seen.pose.anchor_age_s, 1e-3);
+  sidecar.anchor_age_ms = whole_units(seen.pose.anchor_age_s, 1e-3);
   sidecar.trust = trust;
   sidecar.camera = camera_;
   const CameraPose& pose = seen.pose.pose;
   const LonLat place = flight_.frame.lonlat_from_plane(pose.position);
-  sidecar.gsd_mm = rounded(gsd_at(seen_with_, pose.agl_m), 1e-3);
-  sidecar.pose = {.lat_e7 = rounded(place.lat_deg, 1e-7),
-                  .lon_e7 = rounded(place.lon_deg, 1e-7),
-                  .agl_mm = rounded(pose.agl_m, 1e-3),
+  sidecar.gsd_mm = whole_units(gsd_at(seen_with_, pose.agl_m), 1e-3);
+  sidecar.pose = {.lat_e7 = whole_units(place.lat_deg, 1e-7),
+                  .lon_e7 = whole_units(place.lon_deg, 1e-7),
+                  .agl_mm = whole_units(pose.agl_m, 1e-3),
                   .heading_mdeg = (mdeg(pose.attitude.heading_rad) % kFullTurn_mdeg + kFullTurn_mdeg) % kFullTurn_mdeg,
                   .pitch_mdeg = mdeg(pose.attitude.pitch_rad),
                   .roll_mdeg = mdeg(pose.attitude.roll_rad),
-                  .sigma_mm = rounded(seen.pose.sigma_m, 1e-3),
-                  .cov_ee_mm2 = rounded(seen.pose.covariance_m2(0, 0), 1e-6),
-                  .cov_en_mm2 = rounded(seen.pose.covariance_m2(0, 1), 1e-6),
-                  .cov_nn_mm2 = rounded(seen.pose.covariance_m2(1, 1), 1e-6),
+                  .sigma_mm = whole_units(seen.pose.sigma_m, 1e-3),
+                  .cov_ee_mm2 = whole_units(seen.pose.covariance_m2(0, 0), 1e-6),
+                  .cov_en_mm2 = whole_units(seen.pose.covariance_m2(0, 1), 1e-6),
+                  .cov_nn_mm2 = whole_units(seen.pose.covariance_m2(1, 1), 1e-6),
                   .refined = seen.pose.refined};
   return sidecar;
 }

@@ -5,23 +5,16 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cstdint>
 #include <set>
 
 #include "base/error.hpp"
+#include "base/whole_number.hpp"
 
 namespace nadir {
 namespace {
 
 namespace fs = std::filesystem;
-
-std::optional<std::int64_t> whole_number(std::string_view text) {
-  std::int64_t value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
-  return value;
-}
 
 [[noreturn]] void refuse_shard(std::string where, std::string expected, std::string found, std::string fix = {}) {
   throw UsageError({.what = "there is no such shard",
@@ -67,7 +60,7 @@ int shard_of_engine(int shards, const EnvironmentVariable& variable) {
       fmt::format(fmt::runtime(engine->counted), shards == 1 ? std::string("1") : std::to_string(shards));
   const std::int64_t last = engine->first + shards - 1;
   const auto check = [&](const char* name, const std::string& text) {
-    const auto number = whole_number(text);
+    const auto number = whole_number<std::int64_t>(text);
     if (number && *number >= engine->first && *number <= last) return *number;
     refuse_shard(name, fmt::format("{} to {}", engine->first, last), text, fix);
   };
@@ -99,8 +92,8 @@ void require_folders(const std::vector<fs::path>& folders) {
 std::optional<int> count_in_name(std::string_view name, std::string_view work) {
   const std::size_t of = name.rfind("-of-");
   if (of == std::string_view::npos || of <= work.size()) return std::nullopt;
-  const auto shard = whole_number(name.substr(work.size() + 1, of - work.size() - 1));
-  const auto shards = whole_number(name.substr(of + 4));
+  const auto shard = whole_number<std::int64_t>(name.substr(work.size() + 1, of - work.size() - 1));
+  const auto shards = whole_number<std::int64_t>(name.substr(of + 4));
   if (!shard || !shards || *shard < 1 || *shard > *shards || *shards > kMaxShards) return std::nullopt;
   const int count = static_cast<int>(*shards);
   return name == shard_folder_name(work, static_cast<int>(*shard), count) ? std::optional(count) : std::nullopt;
@@ -111,9 +104,9 @@ std::optional<int> count_in_name(std::string_view name, std::string_view work) {
 int parse_shard(std::string_view text, int shards, const EnvironmentVariable& variable) {
   if (text == "auto") return shard_of_engine(shards, variable);
   const std::size_t slash = text.find('/');
-  const auto index = whole_number(text.substr(0, slash));
-  const auto of =
-      slash == std::string_view::npos ? std::optional<std::int64_t>(shards) : whole_number(text.substr(slash + 1));
+  const auto index = whole_number<std::int64_t>(text.substr(0, slash));
+  const auto of = slash == std::string_view::npos ? std::optional<std::int64_t>(shards)
+                                                  : whole_number<std::int64_t>(text.substr(slash + 1));
   if (!index || !of) {
     refuse_shard("--shard", "I/N (3/8), I, or auto", std::string(text));
   }
@@ -129,7 +122,8 @@ int parse_shard(std::string_view text, int shards, const EnvironmentVariable& va
 
 ShardNumber parse_shard_number(std::string_view text, const EnvironmentVariable& variable) {
   const std::size_t slash = text.find('/');
-  const auto shards = slash == std::string_view::npos ? std::nullopt : whole_number(text.substr(slash + 1));
+  const auto shards =
+      slash == std::string_view::npos ? std::nullopt : whole_number<std::int64_t>(text.substr(slash + 1));
   if (!shards || *shards < 1 || *shards > kMaxShards) {
     refuse_shard("--shard", fmt::format("I/N (3/8) or auto/N, N at most {}", kMaxShards), std::string(text));
   }

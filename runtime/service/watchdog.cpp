@@ -6,12 +6,12 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cstddef>
 #include <cstdlib>
 #include <cstring>
 
 #include "base/error.hpp"
+#include "base/whole_number.hpp"
 
 namespace nadir {
 namespace {
@@ -19,14 +19,6 @@ namespace {
 std::optional<std::string> variable(const char* name) {
   const char* value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): before there are threads
   return value != nullptr && *value != '\0' ? std::optional<std::string>(value) : std::nullopt;
-}
-
-std::optional<std::uint64_t> whole_number(const std::optional<std::string>& text) {
-  std::uint64_t value = 0;
-  if (!text) return std::nullopt;
-  const auto [end, error] = std::from_chars(text->data(), text->data() + text->size(), value);
-  if (error != std::errc{} || end != text->data() + text->size()) return std::nullopt;
-  return value;
 }
 
 // A line break in a status would begin another assignment.
@@ -105,9 +97,9 @@ bool ServiceManager::stopping(std::string_view status) const { return send("STOP
 
 ServiceEnvironment read_service_environment() {
   ServiceEnvironment environment{variable("NOTIFY_SOCKET"), std::nullopt};
-  const auto interval_us = whole_number(variable("WATCHDOG_USEC"));
+  const auto interval_us = whole_number<std::uint64_t>(variable("WATCHDOG_USEC").value_or(""));
   const auto pid_text = variable("WATCHDOG_PID");
-  const bool ours = !pid_text || whole_number(pid_text) == static_cast<std::uint64_t>(::getpid());
+  const bool ours = !pid_text || whole_number<pid_t>(*pid_text) == ::getpid();
   if (interval_us && *interval_us > 0 && ours)
     environment.watchdog_interval_s = 1e-6 * static_cast<double>(*interval_us);
   return environment;

@@ -3,12 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <nlohmann/json.hpp>
 
 #include "base/bytes.hpp"
 #include "base/error.hpp"
 #include "base/printable.hpp"
+#include "base/whole_number.hpp"
 #include "http/access.hpp"
 #include "upload/batch.hpp"
 #include "upload/pack.hpp"
@@ -18,14 +18,6 @@ namespace nadir {
 namespace {
 
 constexpr std::string_view kUploads = "/v1/uploads";
-
-std::optional<std::uint64_t> whole_number(const std::string& text) {
-  std::uint64_t value = 0;
-  const char* const end = text.data() + text.size();
-  const auto [stopped, error] = std::from_chars(text.data(), end, value);
-  if (error != std::errc{} || stopped != end) return std::nullopt;
-  return value;
-}
 
 // "sha-256=:BASE64:" (RFC 9530), this one member. A spelling of which no digest is the canonical one is no bytes'
 // digest: what comes with it will not fit.
@@ -98,11 +90,11 @@ std::variant<PartHeader, std::string> part_header(const ApiRequest& request) {
   const std::string* const offset_text = request.header("upload-offset");
   const std::string* const length_text = request.header("upload-length");
   const std::string* const digest_text = request.header("content-digest");
-  const auto offset = offset_text ? whole_number(*offset_text) : std::nullopt;
+  const auto offset = offset_text ? whole_number<std::uint64_t>(*offset_text) : std::nullopt;
   if (!offset) return "send Upload-Offset: the byte of the pack at which the part begins, a whole number";
   const auto digest = digest_text ? part_digest(*digest_text) : std::nullopt;
   if (!digest) return "send Content-Digest: sha-256=:BASE64: of the part";
-  const auto length = length_text ? whole_number(*length_text) : std::nullopt;
+  const auto length = length_text ? whole_number<std::uint64_t>(*length_text) : std::nullopt;
   if (length_text && !length) return "Upload-Length must be a whole number";
   if (length && *length <= kPackHeadSize + kPackEntrySize) return "Upload-Length is less than any pack has";
   return PartHeader{.offset = *offset, .length = length, .digest = *digest};
