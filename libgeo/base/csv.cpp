@@ -60,6 +60,12 @@ Parse parse_csv(const std::filesystem::path& path, std::string_view text) {
   return parse;
 }
 
+std::string in_quotes(const std::string& text) {
+  std::string cell(csv_write(nullptr, 0, text.data(), text.size()), '\0');
+  csv_write(cell.data(), cell.size(), text.data(), text.size());
+  return cell;
+}
+
 }  // namespace
 
 CsvTable CsvTable::read(const std::filesystem::path& path) { return parse(read_text_file(path), path); }
@@ -128,26 +134,14 @@ double CsvTable::required_number(std::size_t row, std::size_t column) const {
   throw Error({.what = "a cell is empty that must hold a number", .where = where(row, column)});
 }
 
-namespace {
-
-std::string in_quotes(std::string_view text) {
-  std::string cell = "\"";
-  for (const char c : text) {
-    if (c == '"') cell += '"';
-    cell += c;
-  }
-  return cell + '"';
-}
-
-}  // namespace
-
 std::string csv_cell(std::string_view text) {
-  return text.find_first_of(",\"\n\r") == std::string_view::npos ? std::string(text) : in_quotes(text);
+  const std::string cell(text);
+  return text.find_first_of(",\"\n\r") == std::string_view::npos ? cell : in_quotes(cell);
 }
 
 std::string spreadsheet_cell(std::string_view text) {
   const bool formula = !text.empty() && std::string_view("=+-@\t\r").find(text.front()) != std::string_view::npos;
-  return in_quotes(formula ? "'" + std::string(text) : std::string(text));
+  return in_quotes((formula ? "'" : "") + std::string(text));
 }
 
 }  // namespace nadir

@@ -151,8 +151,7 @@ TEST(Preintegration, AGapIsNoMotion) {
 }
 
 TEST(Preintegration, UnusableSamplesAreLeftOut) {
-  constexpr double kNone = std::numeric_limits<double>::quiet_NaN(),
-                   kInfinite = std::numeric_limits<double>::infinity();
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN(), kInfinite = std::numeric_limits<double>::infinity();
   const InertialSample good = felt(1.01);
   const auto altered = [&](double time_s, int axis, double rate, double force) {
     InertialSample sample = felt(time_s);
@@ -166,11 +165,11 @@ TEST(Preintegration, UnusableSamplesAreLeftOut) {
       good,
       good,                            // once more
       altered(1.005, 0, 0, 0),         // late
-      altered(1.02, 1, kNone, 0),      // no number
+      altered(1.02, 1, kNan, 0),       // no number
       altered(1.03, 2, 0, kInfinite),  // nor this
       altered(1.04, 0, 34.9, 0),       // saturated
       altered(1.05, 2, 0, -156.9),     // likewise
-      altered(kNone, 0, 0, 0),
+      altered(kNan, 0, 0, 0),
       altered(1.06, 0, 1, 20),  // fast, hard, and true
   };
   const auto usable = usable_samples(offered, 1);

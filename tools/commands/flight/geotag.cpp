@@ -18,7 +18,6 @@
 #include "commands/commands.hpp"
 #include "flight_import/photo_metadata.hpp"
 #include "flight_import/photo_position.hpp"
-#include "replay/track_files.hpp"
 
 namespace nadir {
 namespace {
