@@ -5,12 +5,11 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <charconv>
-#include <cmath>
 #include <memory>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/number_text.hpp"
 
 namespace nadir {
 namespace {
@@ -118,9 +117,8 @@ std::optional<double> CsvTable::number(std::size_t row, std::size_t column) cons
   while (!text.empty() && text.front() == ' ') text.remove_prefix(1);
   while (!text.empty() && text.back() == ' ') text.remove_suffix(1);
   if (text.empty()) return std::nullopt;
-  double value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value)) {
+  const auto value = finite_number(text);
+  if (!value) {
     throw Error({.what = "a cell does not hold a number",
                  .where = where(row, column),
                  .expected = "a finite number, or nothing where the value is unknown",

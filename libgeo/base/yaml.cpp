@@ -6,13 +6,12 @@
 #include <yaml-cpp/yaml.h>
 
 #include <algorithm>
-#include <charconv>
-#include <cmath>
 #include <sstream>
 #include <unordered_set>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/number_text.hpp"
 
 namespace nadir {
 
@@ -182,21 +181,17 @@ std::string YamlNode::text() const {
 }
 
 double YamlNode::number() const {
-  double value = 0;
   if (!is_scalar()) reject("a number");
-  const std::string& text = place_->node.Scalar();
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value)) reject("a finite number");
-  return value;
+  const auto value = finite_number(place_->node.Scalar());
+  if (!value) reject("a finite number");
+  return *value;
 }
 
 std::int64_t YamlNode::integer() const {
-  std::int64_t value = 0;
   if (!is_scalar()) reject("an integer");
-  const std::string& text = place_->node.Scalar();
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size()) reject("an integer");
-  return value;
+  const auto value = whole_number<std::int64_t>(place_->node.Scalar());
+  if (!value) reject("an integer");
+  return *value;
 }
 
 bool YamlNode::is_map() const { return place_->node.IsMap(); }

@@ -7,10 +7,10 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/number_text.hpp"
 
 namespace nadir {
 
@@ -130,14 +130,12 @@ std::optional<IncomingPack> read_name(const fs::path& path) {
   constexpr std::size_t kDigits = 64;
   if (name.size() < kDigits + 2 || name[kDigits] != '.') return std::nullopt;
   const auto sha256 = Sha256::from_hex(name.substr(0, kDigits));
-  std::uint64_t length = 0;
-  const char* const end = name.data() + name.size();
-  const auto [stopped, error] = std::from_chars(name.data() + kDigits + 1, end, length);
-  if (!sha256 || error != std::errc{} || stopped != end) return std::nullopt;
+  const auto length = whole_number<std::uint64_t>(std::string_view(name).substr(kDigits + 1));
+  if (!sha256 || !length) return std::nullopt;
   struct stat facts {};
   if (::stat(path.c_str(), &facts) != 0) return std::nullopt;
   return IncomingPack{.sha256 = *sha256,
-                      .length = length,
+                      .length = *length,
                       .offset = static_cast<std::uint64_t>(facts.st_size),
                       .grown_s = facts.st_mtim.tv_sec,
                       .path = path};

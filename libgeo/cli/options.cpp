@@ -5,12 +5,12 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <list>
 #include <ostream>
 
 #include "base/error.hpp"
+#include "base/number_text.hpp"
 #include "cli/help_text.hpp"
 #include "geodesy/mgrs.hpp"
 
@@ -19,20 +19,24 @@ namespace option_text {
 namespace {
 
 template <typename Number>
-bool read_number(std::string_view text, Number& value) {
-  const char* end = text.data() + text.size();
-  const auto result = std::from_chars(text.data(), end, value);
-  return result.ec == std::errc() && result.ptr == end;
+bool read_whole(std::string_view text, Number& value) {
+  const auto number = whole_number<Number>(text);
+  if (number) value = *number;
+  return number.has_value();
 }
 
 }  // namespace
 
 bool read(const std::string& text, std::string& value) { return value = text, !text.empty(); }
 bool read(const std::string& text, std::filesystem::path& value) { return value = text, !text.empty(); }
-bool read(const std::string& text, int& value) { return read_number(text, value); }
-bool read(const std::string& text, std::int64_t& value) { return read_number(text, value); }
-bool read(const std::string& text, std::uint64_t& value) { return read_number(text, value); }
-bool read(const std::string& text, double& value) { return read_number(text, value) && std::isfinite(value); }
+bool read(const std::string& text, int& value) { return read_whole(text, value); }
+bool read(const std::string& text, std::int64_t& value) { return read_whole(text, value); }
+bool read(const std::string& text, std::uint64_t& value) { return read_whole(text, value); }
+bool read(const std::string& text, double& value) {
+  const auto number = finite_number(text);
+  if (number) value = *number;
+  return number.has_value();
+}
 
 bool read(const std::string& text, LonLat& value) {
   const auto comma = text.find(',');

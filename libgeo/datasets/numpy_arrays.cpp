@@ -12,6 +12,7 @@
 
 #include "base/error.hpp"
 #include "base/input_file.hpp"
+#include "base/number_text.hpp"
 #include "raster/gdal_dataset.hpp"
 #include "raster/gdal_drivers.hpp"
 
@@ -72,9 +73,8 @@ std::size_t size_of_type(std::string_view type) {
   if (type == "<i4" || type == "<f4") return 4;
   if (type == "<i8" || type == "<f8") return 8;
   if (!type.starts_with("<U")) return 0;
-  std::size_t characters = 0;
-  const auto [end, error] = std::from_chars(type.data() + 2, type.data() + type.size(), characters);
-  return error == std::errc{} && end == type.data() + type.size() && characters <= kMaxText ? 4 * characters : 0;
+  const auto characters = whole_number<std::size_t>(type.substr(2));
+  return characters && *characters <= kMaxText ? 4 * *characters : 0;
 }
 
 template <typename T>

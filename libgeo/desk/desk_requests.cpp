@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -12,6 +11,7 @@
 
 #include "base/csv.hpp"
 #include "base/error.hpp"
+#include "base/number_text.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/local_frame.hpp"
 #include "http/json_body.hpp"
@@ -54,14 +54,6 @@ Telemetry telemetry_from(const Get& get) {
   return telemetry;
 }
 
-std::optional<double> number_from(const std::string& text) {
-  double value = 0;
-  const char* const end = text.data() + text.size();
-  const auto [stopped, error] = std::from_chars(text.data(), end, value);
-  if (error != std::errc{} || stopped != end || !std::isfinite(value)) return std::nullopt;
-  return value;
-}
-
 Problem invalid(std::string detail, FieldErrors errors = {}) {
   return {.status = 400, .type = "invalid", .detail = std::move(detail), .errors = std::move(errors)};
 }
@@ -73,7 +65,7 @@ std::variant<std::vector<PictureOffer>, Problem> parse_single(const ApiRequest& 
   const auto take = [&](const Measure& measure) -> std::optional<double> {
     const auto found = query->extract(measure.name);
     if (found.empty()) return std::nullopt;
-    const auto value = number_from(found.mapped());
+    const auto value = finite_number(found.mapped());
     if (value && *value >= measure.range.low && *value <= measure.range.high) return value;
     errors.push_back({std::string("?") + measure.name,
                       fmt::format("must be a number from {} to {}", measure.range.low, measure.range.high)});

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/whole_number.hpp"
+#include "base/number_text.hpp"
 #include "http/multipart.hpp"
 
 namespace nadir {

@@ -2,9 +2,8 @@
 
 #include <arpa/inet.h>
 
-#include <charconv>
-
 #include "base/error.hpp"
+#include "base/number_text.hpp"
 #include "base/printable.hpp"
 
 namespace nadir {
@@ -20,12 +19,7 @@ std::optional<std::string> ip_of(std::string_view host) {
   return inet_pton(AF_INET, plain.c_str(), bytes) == 1 ? std::optional(plain) : std::nullopt;
 }
 
-bool is_port(std::string_view digits) {
-  std::uint16_t port = 0;
-  const char* const end = digits.data() + digits.size();
-  const auto [stopped, error] = std::from_chars(digits.data(), end, port);
-  return error == std::errc{} && stopped == end;
-}
+bool is_port(std::string_view digits) { return whole_number<std::uint16_t>(digits).has_value(); }
 
 }  // namespace
 
@@ -35,13 +29,8 @@ ListenAddress parse_listen_address(std::string_view text) {
   const std::size_t colon = text.rfind(':');
   if (colon != std::string_view::npos) {
     const std::optional<std::string> ip = ip_of(text.substr(0, colon));
-    ListenAddress address;
-    const char* const end = text.data() + text.size();
-    const auto [stopped, error] = std::from_chars(text.data() + colon + 1, end, address.port);
-    if (ip && error == std::errc{} && stopped == end) {
-      address.ip = *ip;
-      return address;
-    }
+    const std::optional<std::uint16_t> port = whole_number<std::uint16_t>(text.substr(colon + 1));
+    if (ip && port) return {.ip = *ip, .port = *port};
   }
   throw UsageError({.what = "not an address to listen on",
                     .expected = "IP:PORT, as in 127.0.0.1:8750 or [::1]:8750",

@@ -1,9 +1,9 @@
 #include "http/multipart.hpp"
 
 #include <algorithm>
-#include <charconv>
 #include <utility>
 
+#include "base/number_text.hpp"
 #include "http/message.hpp"
 
 namespace nadir {
@@ -74,12 +74,10 @@ std::optional<std::string> decoded(std::string_view text) {
       plain += text[i];
       continue;
     }
-    unsigned value = 0;
     if (i + 2 >= text.size()) return std::nullopt;
-    const char* const end = text.data() + i + 3;
-    const auto [stopped, error] = std::from_chars(text.data() + i + 1, end, value, 16);
-    if (error != std::errc{} || stopped != end) return std::nullopt;
-    plain += static_cast<char>(value);
+    const auto value = whole_number<unsigned>(text.substr(i + 1, 2), 16);
+    if (!value) return std::nullopt;
+    plain += static_cast<char>(*value);
     i += 2;
   }
   return plain;

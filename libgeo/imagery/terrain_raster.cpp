@@ -5,13 +5,13 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <limits>
 #include <string>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "imagery/tiff_memory.hpp"
 
@@ -70,12 +70,9 @@ class TerrainTiff {
   float read_nodata() const {
     const std::string_view text = file_.text(kTagNodata);
     if (text.empty()) file_.refuse("a stated nodata value", "none");
-    float value = 0;
-    const auto [stop, problem] = std::from_chars(text.data(), text.data() + text.size(), value);
-    if (problem != std::errc() || stop != text.data() + text.size() || !std::isfinite(value)) {
-      file_.refuse("a finite number as nodata", printable(text.substr(0, 32)));
-    }
-    return value;
+    const auto value = finite_number<float>(text);
+    if (!value) file_.refuse("a finite number as nodata", printable(text.substr(0, 32)));
+    return *value;
   }
 
   std::vector<float> read_heights(float nodata) {

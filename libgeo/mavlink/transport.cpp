@@ -19,7 +19,7 @@
 #include <utility>
 
 #include "base/error.hpp"
-#include "base/whole_number.hpp"
+#include "base/number_text.hpp"
 
 namespace nadir {
 namespace {

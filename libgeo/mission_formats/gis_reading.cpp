@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <memory>
 
+#include "base/number_text.hpp"
 #include "base/plural.hpp"
 #include "mission_formats/circle_outline.hpp"
 #include "mission_formats/gis_files.hpp"
@@ -198,14 +199,13 @@ class DrawingReader {
 
   // A circle is drawn as a polygon. Unless somebody edited that, it is the circle again.
   static void take_circle(const OGRFeature& feature, DrawnArea& area) {
-    const std::string lon = text_of(feature, "circle_lon_deg"), lat = text_of(feature, "circle_lat_deg"),
-                      radius = text_of(feature, "circle_radius_m");
-    if (area.kind != AreaKind::no_fly || lon.empty() || lat.empty() || radius.empty()) return;
-    const LonLat centre{std::strtod(lon.c_str(), nullptr), std::strtod(lat.c_str(), nullptr)};
-    const double radius_m = std::strtod(radius.c_str(), nullptr);
-    if (!(std::abs(centre.lon_deg) <= 180 && std::abs(centre.lat_deg) <= 85 && radius_m > 0 && radius_m <= 200'000))
-      return;
-    const std::vector<LonLat> drawn = circle_outline(centre, radius_m);
+    const auto lon_deg = finite_number(text_of(feature, "circle_lon_deg")),
+               lat_deg = finite_number(text_of(feature, "circle_lat_deg")),
+               radius_m = finite_number(text_of(feature, "circle_radius_m"));
+    if (area.kind != AreaKind::no_fly || !lon_deg || !lat_deg || !radius_m) return;
+    const LonLat centre{*lon_deg, *lat_deg};
+    if (std::abs(*lon_deg) > 180 || std::abs(*lat_deg) > 85 || *radius_m <= 0 || *radius_m > 200'000) return;
+    const std::vector<LonLat> drawn = circle_outline(centre, *radius_m);
     if (drawn.size() != area.polygon.size()) return;
     for (std::size_t i = 0; i < drawn.size(); ++i) {
       if (std::abs(drawn[i].lon_deg - area.polygon[i].lon_deg) > 1e-7) return;
@@ -213,7 +213,7 @@ class DrawingReader {
     }
     area.polygon.clear();
     area.centre = centre;
-    area.radius_m = radius_m;
+    area.radius_m = *radius_m;
   }
 
  public:

@@ -5,13 +5,13 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
-#include <cmath>
 #include <map>
 #include <optional>
 #include <set>
 
 #include "base/error.hpp"
 #include "base/input_file.hpp"
+#include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
@@ -80,12 +80,11 @@ void check_format(std::string_view stated, const TileExtent& seen, Findings& fin
 }
 
 void check_zoom(std::string_view name, std::string_view stated, int actual, Findings& findings) {
-  int zoom = -1;
-  const auto [end, error] = std::from_chars(stated.data(), stated.data() + stated.size(), zoom);
-  if (error == std::errc{} && end == stated.data() + stated.size() && zoom == actual) return;
+  const std::optional<int> zoom = whole_number<int>(stated);
+  if (zoom == actual) return;
   Finding finding = mismatch(name, std::to_string(actual), stated);
   // GDAL announces overviews that were not requested; whether they are needed depends on the mission.
-  if (name == "minzoom" && zoom >= 0 && zoom < actual) finding.severity = Severity::note;
+  if (name == "minzoom" && zoom && *zoom >= 0 && *zoom < actual) finding.severity = Severity::note;
   findings.add(std::move(finding));
 }
 

@@ -9,7 +9,7 @@
 #include <set>
 
 #include "base/error.hpp"
-#include "base/whole_number.hpp"
+#include "base/number_text.hpp"
 
 namespace nadir {
 namespace {

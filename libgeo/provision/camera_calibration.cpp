@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
@@ -11,6 +10,7 @@
 #include <utility>
 
 #include "base/error.hpp"
+#include "base/number_text.hpp"
 #include "base/yaml.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/frame_image.hpp"
@@ -24,8 +24,8 @@ constexpr int kMinCorners = 3;
 constexpr int kMaxCorners = 50;
 
 bool read_count(std::string_view text, int& count) {
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), count);
-  return error == std::errc{} && end == text.data() + text.size() && count >= kMinCorners && count <= kMaxCorners;
+  count = whole_number<int>(text).value_or(0);
+  return count >= kMinCorners && count <= kMaxCorners;
 }
 
 std::vector<std::filesystem::path> images_of(const std::filesystem::path& folder) {

@@ -3,26 +3,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
-#include <cmath>
 #include <cstdint>
 #include <vector>
 
 #include "base/error.hpp"
+#include "base/number_text.hpp"
 #include "raster/gdal_dataset.hpp"
 
 namespace nadir {
-namespace {
-
-std::optional<double> number_from(std::string_view text) {
-  double value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(value)) return std::nullopt;
-  return value;
-}
-
-}  // namespace
-
 StretchRequest parse_stretch(std::string_view text) {
   if (text == "none") return {};
   constexpr std::string_view kPercentile = "percentile:";
@@ -34,7 +22,7 @@ StretchRequest parse_stretch(std::string_view text) {
   }
   const std::size_t comma = numbers.find(',');
   if (comma != std::string_view::npos) {
-    const auto low = number_from(numbers.substr(0, comma)), high = number_from(numbers.substr(comma + 1));
+    const auto low = finite_number(numbers.substr(0, comma)), high = finite_number(numbers.substr(comma + 1));
     if (low && high && *low < *high) {
       request.low = *low, request.high = *high;
       if (request.kind == StretchRequest::Kind::values || (request.low >= 0 && request.high <= 100)) return request;

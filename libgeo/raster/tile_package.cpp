@@ -7,12 +7,12 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "base/error.hpp"
 #include "base/json.hpp"
+#include "base/number_text.hpp"
 #include "raster/gdal_dataset.hpp"
 
 namespace nadir {
@@ -58,9 +58,9 @@ std::optional<std::array<std::uint32_t, 2>> first_tile_of(std::string_view name)
   std::array<std::uint32_t, 2> numbers{};
   const std::array parts = {name.substr(0, letter), name.substr(letter + 1)};
   for (std::size_t i = 0; i < parts.size(); ++i) {
-    const char* end = parts[i].data() + parts[i].size();
-    const auto [stop, error] = std::from_chars(parts[i].data(), end, numbers[i], 16);
-    if (error != std::errc() || stop != end || numbers[i] % kBundleSide != 0) return std::nullopt;
+    const auto number = whole_number<std::uint32_t>(parts[i], 16);
+    if (!number || *number % kBundleSide != 0) return std::nullopt;
+    numbers[i] = *number;
   }
   return numbers;
 }

@@ -4,13 +4,13 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <nlohmann/json.hpp>
 #include <span>
 
 #include "base/bytes.hpp"
 #include "base/error.hpp"
 #include "base/json.hpp"
+#include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "upload/batch.hpp"
 #include "upload/pack.hpp"
@@ -80,14 +80,12 @@ class DateReader {
     return static_cast<int>(fits - pieces.begin());
   }
   int digits(std::size_t count) {
-    int value = 0;
     const std::string_view piece = rest_.substr(0, count);
     good_ = good_ && piece.size() == count &&
             std::all_of(piece.begin(), piece.end(), [](char c) { return c >= '0' && c <= '9'; });
     if (!good_) return 0;
-    std::from_chars(piece.data(), piece.data() + piece.size(), value);
     rest_.remove_prefix(count);
-    return value;
+    return whole_number<int>(piece).value_or(0);
   }
 
   std::string_view rest_;
@@ -200,11 +198,7 @@ namespace {
 
 std::optional<std::uint64_t> number_header(const HttpReply& reply, const char* name) {
   const std::string* text = reply.header(name);
-  if (text == nullptr || text->empty()) return std::nullopt;
-  std::uint64_t value = 0;
-  const auto [end, error] = std::from_chars(text->data(), text->data() + text->size(), value);
-  if (error != std::errc{} || end != text->data() + text->size()) return std::nullopt;
-  return value;
+  return text == nullptr ? std::nullopt : whole_number<std::uint64_t>(*text);
 }
 
 std::optional<UtcTime> date_header(const HttpReply& reply, const char* name) {

@@ -3,12 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <initializer_list>
 #include <iterator>
 #include <nlohmann/json.hpp>
 
+#include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/error_ellipse.hpp"
@@ -187,10 +187,10 @@ std::string plain(std::string_view text) {
 StreamCursor cursor_from(std::string_view last_event_id) {
   const std::size_t dash = last_event_id.rfind('-');
   if (dash == std::string_view::npos) return {};
-  const std::string_view digits = last_event_id.substr(dash + 1);
+  const auto last_event = whole_number<decltype(StreamCursor::last_event)>(last_event_id.substr(dash + 1));
+  if (!last_event) return {};
   StreamCursor cursor;
-  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), cursor.last_event);
-  if (error != std::errc{} || end != digits.data() + digits.size()) return {};
+  cursor.last_event = *last_event;
   cursor.boot_id = last_event_id.substr(0, dash);
   return cursor;
 }

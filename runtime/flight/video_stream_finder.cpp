@@ -3,10 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <utility>
 
 #include "base/error.hpp"
+#include "base/number_text.hpp"
 #include "mavlink/commands.hpp"
 
 namespace nadir {
@@ -17,10 +17,8 @@ constexpr std::string_view kKind = "mavlink:", kRtsp = "rtsp://";
 constexpr std::size_t kMostStreams = 16;
 
 std::optional<int> number_within(std::string_view text, int low, int high) {
-  int number = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-  const bool whole = error == std::errc() && end == text.data() + text.size();
-  return whole && number >= low && number <= high ? std::optional(number) : std::nullopt;
+  const std::optional<int> number = whole_number<int>(text);
+  return number && *number >= low && *number <= high ? number : std::nullopt;
 }
 
 // Nothing that ends a line of a log, or begins another argument.

@@ -11,7 +11,7 @@
 #include <cstring>
 
 #include "base/error.hpp"
-#include "base/whole_number.hpp"
+#include "base/number_text.hpp"
 
 namespace nadir {
 namespace {

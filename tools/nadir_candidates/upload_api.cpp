@@ -7,8 +7,8 @@
 
 #include "base/bytes.hpp"
 #include "base/error.hpp"
+#include "base/number_text.hpp"
 #include "base/printable.hpp"
-#include "base/whole_number.hpp"
 #include "http/access.hpp"
 #include "upload/batch.hpp"
 #include "upload/pack.hpp"
