@@ -18,42 +18,29 @@ namespace nadir {
 namespace option_text {
 namespace {
 
-template <typename Number>
-bool read_whole(std::string_view text, Number& value) {
-  const auto number = whole_number<Number>(text);
-  if (number) value = *number;
-  return number.has_value();
+template <typename Value>
+bool take(const std::optional<Value>& read, Value& value) {
+  if (read) value = *read;
+  return read.has_value();
 }
 
 }  // namespace
 
 bool read(const std::string& text, std::string& value) { return value = text, !text.empty(); }
 bool read(const std::string& text, std::filesystem::path& value) { return value = text, !text.empty(); }
-bool read(const std::string& text, int& value) { return read_whole(text, value); }
-bool read(const std::string& text, std::int64_t& value) { return read_whole(text, value); }
-bool read(const std::string& text, std::uint64_t& value) { return read_whole(text, value); }
-bool read(const std::string& text, double& value) {
-  const auto number = finite_number(text);
-  if (number) value = *number;
-  return number.has_value();
-}
+bool read(const std::string& text, int& value) { return take(whole_number<int>(text), value); }
+bool read(const std::string& text, std::int64_t& value) { return take(whole_number<std::int64_t>(text), value); }
+bool read(const std::string& text, std::uint64_t& value) { return take(whole_number<std::uint64_t>(text), value); }
+bool read(const std::string& text, double& value) { return take(finite_number(text), value); }
 
 bool read(const std::string& text, LonLat& value) {
   const auto comma = text.find(',');
-  if (comma == std::string::npos) {
-    const auto place = lonlat_from_mgrs(text);
-    value = place.value_or(value);
-    return place.has_value();
-  }
+  if (comma == std::string::npos) return take(lonlat_from_mgrs(text), value);
   return read(text.substr(0, comma), value.lon_deg) && read(text.substr(comma + 1), value.lat_deg) &&
          std::abs(value.lon_deg) <= 180 && std::abs(value.lat_deg) <= 90;
 }
 
-bool read(const std::string& text, UtcTime& value) {
-  const auto time = parse_utc(text);
-  if (time) value = *time;
-  return time.has_value();
-}
+bool read(const std::string& text, UtcTime& value) { return take(parse_utc(text), value); }
 
 const char* form(const std::string&) { return "text"; }
 const char* form(const std::filesystem::path&) { return "a path"; }

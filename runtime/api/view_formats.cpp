@@ -187,7 +187,7 @@ std::string plain(std::string_view text) {
 StreamCursor cursor_from(std::string_view last_event_id) {
   const std::size_t dash = last_event_id.rfind('-');
   if (dash == std::string_view::npos) return {};
-  const auto last_event = whole_number<decltype(StreamCursor::last_event)>(last_event_id.substr(dash + 1));
+  const auto last_event = whole_number<std::uint64_t>(last_event_id.substr(dash + 1));
   if (!last_event) return {};
   StreamCursor cursor;
   cursor.last_event = *last_event;
