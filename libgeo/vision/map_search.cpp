@@ -69,6 +69,15 @@ PlanePoint camera_of(const MapWindow& map, const GroundGrid& grid, double x, dou
   return {map.west_m + x * map.gsd_m - grid.west_m, map.north_m - y * map.gsd_m - grid.north_m};
 }
 
+// Patches reach no farther: peaks that are as far apart are not the same.
+double near_m(const SearchOptions& options) { return kNearPeak_px * options.gsd_m; }
+
+// The peak is near the place, and is not the place itself.
+bool is_near(const MatchHypothesis& peak, const MatchHypothesis& place, const SearchOptions& options) {
+  const double off_m = distance_m(peak.pose.position, place.pose.position);
+  return off_m >= near_m(options) && off_m < options.distinct_m;
+}
+
 // Keeps the best of the hypotheses that are one place.
 std::vector<MatchHypothesis> distinct(std::vector<MatchHypothesis> hypotheses, double distinct_m,
                                       double MatchHypothesis::*score, std::size_t count) {
@@ -167,6 +176,7 @@ struct WindowSearch {
   ReducedFrame frame;
   MapWindow sweep_map;
   std::vector<MatchHypothesis> places;
+  std::vector<MatchHypothesis> near_best;  // peaks around the best of each heading and scale
 
   // The frame looks the same in both sweeps.
   bool sweeps_as(const WindowSearch& other) const {
@@ -178,6 +188,14 @@ struct WindowSearch {
            prior.heading_range_rad == other.prior.heading_range_rad && prior.scale_range == other.prior.scale_range;
   }
 };
+
+// False on the flank of a higher peak, where only what is near that one was left out.
+bool is_maximum(const cv::Mat& scores, const Peak& peak) {
+  const cv::Point at(static_cast<int>(std::lround(peak.x)), static_cast<int>(std::lround(peak.y)));
+  double highest = 0;
+  cv::minMaxLoc(scores(cv::Rect(at.x - 1, at.y - 1, 3, 3) & cv::Rect(cv::Point(), scores.size())), nullptr, &highest);
+  return highest <= static_cast<double>(scores.at<float>(at));
+}
 
 // Windows of one sweep: each template is rectified and transformed once for all of them.
 void sweep(std::span<WindowSearch> windows) {
@@ -210,13 +228,25 @@ void sweep(std::span<WindowSearch> windows) {
   const auto keep_peaks = [&](WindowSearch& window, const HeadingAndHeight& trial, const cv::Mat& scores) {
     const cv::Rect part = searched_part(window.sweep_map, *grid, window.prior, scores.size());
     if (part.empty()) return;
-    for (const Peak& peak : distinct_peaks(scores(part), count_of(window), options.distinct_m / gsd_m)) {
-      MatchHypothesis hypothesis;
-      hypothesis.pose =
-          with(window.prior.pose, trial, camera_of(window.sweep_map, *grid, peak.x + part.x, peak.y + part.y));
-      hypothesis.coarse_score = peak.score;
-      window.places.push_back(hypothesis);
-    }
+    const double distinct_px = options.distinct_m / gsd_m;
+    const auto keep = [&](const std::vector<Peak>& peaks, cv::Point from, std::vector<MatchHypothesis>& kept) {
+      for (const Peak& peak : peaks) {
+        MatchHypothesis hypothesis;
+        hypothesis.pose =
+            with(window.prior.pose, trial, camera_of(window.sweep_map, *grid, peak.x + from.x, peak.y + from.y));
+        hypothesis.coarse_score = peak.score;
+        kept.push_back(hypothesis);
+      }
+    };
+    const std::vector<Peak> peaks = distinct_peaks(scores(part), count_of(window), distinct_px);
+    keep(peaks, part.tl(), window.places);
+    if (peaks.empty()) return;
+    const int reach = static_cast<int>(std::ceil(distinct_px));
+    const cv::Point best(static_cast<int>(std::lround(peaks[0].x)), static_cast<int>(std::lround(peaks[0].y)));
+    const cv::Rect near = (cv::Rect(best.x - reach, best.y - reach, 2 * reach + 1, 2 * reach + 1) + part.tl()) & part;
+    std::vector<Peak> around = distinct_peaks(scores(near), kNearPeaks + 1, near_m(options) / gsd_m);
+    std::erase_if(around, [&](const Peak& peak) { return !is_maximum(scores(near), peak); });
+    keep(around, near.tl(), window.near_best);
   };
   for (std::size_t i = 0; i < trials.size(); i += 2) {
     options.cancel.check();
@@ -235,6 +265,28 @@ void sweep(std::span<WindowSearch> windows) {
   }
 }
 
+void sort_by_score(std::vector<MatchHypothesis>& hypotheses) {
+  std::stable_sort(hypotheses.begin(), hypotheses.end(),
+                   [](const MatchHypothesis& one, const MatchHypothesis& other) { return one.score > other.score; });
+}
+
+// Of the sweep, around the best of the places that were confirmed.
+std::vector<MatchHypothesis> near_peaks(const WindowSearch& window) {
+  const SearchOptions& options = window.options;
+  std::vector<MatchHypothesis> near;
+  for (std::size_t i = 0; i < std::min(kRefinedCandidates, window.places.size()); ++i) {
+    const MatchHypothesis& place = window.places[i];
+    std::vector<MatchHypothesis> around;
+    for (const MatchHypothesis& peak : window.near_best) {
+      const bool comparable = peak.coarse_score >= kNearPeakScore * place.coarse_score;
+      if (comparable && is_near(peak, place, options)) around.push_back(peak);
+    }
+    around = distinct(std::move(around), near_m(options), &MatchHypothesis::coarse_score, kNearPeaks);
+    near.insert(near.end(), around.begin(), around.end());
+  }
+  return near;
+}
+
 // After the sweep.
 SearchResult confirm_places(WindowSearch& window) {
   const SearchOptions& options = window.options;
@@ -242,19 +294,35 @@ SearchResult confirm_places(WindowSearch& window) {
   const int slack = static_cast<int>(std::ceil(2 * window.sweep_map.gsd_m / window.map.gsd_m));
   MapChannels ground(window.map.image, window.map.mask, options.features.fine, options.features.channels);
   cover_all(ground, places, window.frame, window.map, slack);
-  for (MatchHypothesis& hypothesis : places)
-    confirm(hypothesis, window.frame, window.map, ground, {trial_of(hypothesis)}, slack, options);
-  // The two best are compared over the headings and scales between the sweep's steps.
-  std::stable_sort(places.begin(), places.end(),
-                   [](const MatchHypothesis& one, const MatchHypothesis& other) { return one.score > other.score; });
-  for (std::size_t i = 0; i < std::min(kRefinedCandidates, places.size()); ++i) {
-    MatchHypothesis& hypothesis = places[i];
+  const auto confirm_all = [&](std::vector<MatchHypothesis>& hypotheses) {
+    for (MatchHypothesis& hypothesis : hypotheses)
+      confirm(hypothesis, window.frame, window.map, ground, {trial_of(hypothesis)}, slack, options);
+  };
+  confirm_all(places);
+  sort_by_score(places);
+  std::vector<MatchHypothesis> near = near_peaks(window);
+  confirm_all(near);
+  places.insert(places.end(), near.begin(), near.end());
+  sort_by_score(places);
+  // The best, what is near it, and its rival elsewhere are compared over the headings and scales between the sweep's
+  // steps.
+  const auto refine = [&](MatchHypothesis& hypothesis) {
     const double turn = options.heading_step_rad / 2, scale = options.scale_step / 2;
     confirm(hypothesis, window.frame, window.map, ground, around(trial_of(hypothesis), turn, turn, 0, 1),
             kRefineSlack_px, options);
     confirm(hypothesis, window.frame, window.map, ground, around(trial_of(hypothesis), 0, 1, scale, scale),
             kRefineSlack_px, options);
-  }
+  };
+  if (places.empty()) return {};
+  const MatchHypothesis best = places.front();
+  const auto first = [&](const auto& wanted) {
+    const auto found = std::find_if(places.begin(), places.end(), wanted);
+    if (found != places.end()) refine(*found);
+  };
+  first([&](const MatchHypothesis& h) { return is_near(h, best, options); });
+  first(
+      [&](const MatchHypothesis& h) { return distance_m(h.pose.position, best.pose.position) >= options.distinct_m; });
+  refine(places.front());
   return best_of(std::move(places), options);
 }
 

@@ -2,7 +2,9 @@
 //
 // In a window: a sweep over headings and scales with the two double-angle channels finds candidates; all six channels
 // confirm them. The ratio of the best score elsewhere (over all headings and scales) to the best score is the main
-// input of the acceptance: on real frames right answers have 0.3-0.88 and wrong ones 0.86-1.00.
+// input of the acceptance: on real frames right answers have 0.3-0.88 and wrong ones 0.86-1.00. Around its best
+// candidates the sweep may see several peaks that are one place by distance, and yet farther apart than patches reach:
+// rows of fields that look alike. They are confirmed as well, because the sweep may have the wrong one on top.
 //
 // In an area: correlating all of it over all headings and heights is expensive; searching only the suggested places,
 // and then the whole area for rivals of the result, is cheap.

@@ -129,6 +129,16 @@ TEST(KnockOut, APaintedWorldThatTheFitNeverSaw) {
   EXPECT_GT(found.share(), 0.4) << rate_tables(looks);
 }
 
+// Rows of fields beside the place that look like it, nearer than another place may be. The sweep has them on top, and
+// positions were 22 and 11 m off when nothing else was confirmed there.
+TEST(KnockOut, OfPeaksThatAreOnePlaceTheRightOneIsFound) {
+  for (const std::uint64_t index : {322U, 607U}) {
+    const Look look = take_look(painted(), {.real_share = 0, .right_share = 1}, kUnseen + 5, index);
+    EXPECT_TRUE(look.candidate()) << index;
+    EXPECT_LT(look.error_m, 3) << index;
+  }
+}
+
 TEST(KnockOut, TheSameSeedGivesTheSameLook) {
   EXPECT_EQ(line(take_look(painted(), {}, kUnseen, 3)), line(take_look(painted(), {}, kUnseen, 3)));
 }
