@@ -41,6 +41,11 @@ double inside(const PlaneBox& box, const Gaussian& place) {
          normal_between(box.south_m, box.north_m, place.mean.north_m, std::sqrt(place.covariance_m2(1, 1)));
 }
 
+// Share of the Gaussian so near the candidate that a move to it does no harm.
+double share_near(const LookCandidate& candidate, const Gaussian& place) {
+  return inside(square_around(candidate.position, kHarmless_m), place);
+}
+
 bool same_place(const Eigen::Vector2d& off, const Eigen::Matrix2d& one_m2, const Eigen::Matrix2d& other_m2) {
   return chi2_of(off, one_m2) <= kSamePlace_chi2 && chi2_of(off, other_m2) <= kSamePlace_chi2;
 }
@@ -278,12 +283,30 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
   Weighing weighing = weigh(look, track);
   learn_detection(weighing, look.new_ground);
   LookResult result;
-  result.chi2 = weighing.track.chi2;
+  result.chi2 = weighing.track.candidate.chi2;
   if (look.candidate) {
-    const bool contradicts = track.stands && !hinted_ && result.chi2 > kChi2_999;
-    share_with_displaced_map(weighing, contradicts);
-    decide(weighing, contradicts, result);
-    move_hits_to(*look.candidate, weighing, contradicts, track, look.new_ground, result);
+    const auto contradicts = [&](const Hit& of_track) { return track.stands && !hinted_ && of_track.chi2 > kChi2_999; };
+    const bool candidate_does = contradicts(weighing.track.candidate);
+    const bool rival_does = contradicts(weighing.track.rival);
+    share_with_displaced_map(weighing, &Seen::candidate, candidate_does);
+    share_with_displaced_map(weighing, &Seen::rival, rival_does);
+    std::optional<Place> rival;
+    double rival_beside = 0;
+    if (look.rival) {
+      rival = taken_hits(*look.rival, weighing, &Seen::rival, rival_does, track);
+      const Gaussian there{PlanePoint(track.position.vector() + rival->offset_m), rival->covariance_m2};
+      if (!rival->contradicts) rival_beside = rival->weight.total() * share_near(*look.candidate, there);
+    }
+    decide(weighing, candidate_does, rival_beside, result);
+    Place found = taken_hits(*look.candidate, weighing, &Seen::candidate, candidate_does, track);
+    found.footprints += look.new_ground;
+    if (result.accepted) {
+      result.contradicted = found.contradicted || result.chi2 > kChi2_999;
+      move_track_to(found, weighing, track, look.new_ground);
+    } else {
+      add(found);  // what missed stays where it was, in a place of its own unless it hardly differs
+    }
+    if (rival) add(*rival);
   }
   normalize();
   return result;
@@ -292,25 +315,36 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
 // What the look says of each hypothesis.
 PlaceBelief::Weighing PlaceBelief::weigh(const Look& look, const TrackPrediction& track) {
   const double window_m2 = look.window.area_m2(), share = std::min(1.0, window_m2 / area_.area_m2());
-  const double ratio = look.candidate ? std::exp(look.candidate->log_likelihood_ratio) : 0;
+  const auto ratio_of = [](const std::optional<LookCandidate>& found) {
+    return found ? std::exp(found->log_likelihood_ratio) : 0;
+  };
+  const double ratio = ratio_of(look.candidate), rival_ratio = ratio_of(look.rival);
+  // at_candidate, at_rival: likelihood ratios of both where the hypothesis expects them, without P_D. Returns what hit.
+  const auto judge_hits = [&](Weight& weight, double at_candidate, double at_rival, const Detection& detected,
+                              double in_window, Seen& seen) {
+    const Evidence evidence = evidence_of(look, detected, at_candidate + at_rival, in_window);
+    const double hits = judge(weight, evidence, look.new_ground);
+    seen.rival.weight = at_rival > 0 ? hits * (at_rival / (at_candidate + at_rival)) : 0;
+    seen.candidate.weight = hits - seen.rival.weight;
+    seen.missed = missed_share(detected.of_place, in_window) * (weight.visible - hits) + seen.rival.weight;
+    return hits;
+  };
   const auto one = [&](Weight& weight, const Gaussian& place) {
     Seen seen;
-    double expected = 0;
     double in_area = inside(area_, place);
     if (in_area < kLeastInArea) in_area = 1;  // one of the two is wrong
-    if (look.candidate) {
-      const Eigen::Vector2d off = look.candidate->position - place.mean;
-      const Eigen::Matrix2d spread = place.covariance_m2 + look.candidate->covariance_m2;
-      expected = ratio * window_m2 * density(off, spread) / in_area;
-      seen.chi2 = chi2_of(off, spread);
-    }
+    const auto expected = [&](const std::optional<LookCandidate>& found, double its_ratio, Hit& hit) {
+      if (!found) return 0.0;
+      const Eigen::Vector2d off = found->position - place.mean;
+      const Eigen::Matrix2d spread = place.covariance_m2 + found->covariance_m2;
+      hit.chi2 = chi2_of(off, spread);
+      return its_ratio * window_m2 * density(off, spread) / in_area;
+    };
+    const double at_candidate = expected(look.candidate, ratio, seen.candidate);
+    const double at_rival = expected(look.rival, rival_ratio, seen.rival);
     const double in_window = std::min(1.0, inside(look.window, place) / in_area);
-    const Detection detected = detection(look, around(place));
-    seen.hit = judge(weight, evidence_of(look, detected, expected, in_window), look.new_ground);
-    seen.missed = missed_share(detected.of_place, in_window) * (weight.visible - seen.hit);
-    if (look.candidate) {
-      seen.beside = (weight.total() - seen.hit) * inside(square_around(look.candidate->position, kHarmless_m), place);
-    }
+    const double hits = judge_hits(weight, at_candidate, at_rival, detection(look, around(place)), in_window, seen);
+    if (look.candidate) seen.beside = (weight.total() - hits) * share_near(*look.candidate, place);
     return seen;
   };
   Weighing weighing;
@@ -319,9 +353,7 @@ PlaceBelief::Weighing PlaceBelief::weigh(const Look& look, const TrackPrediction
     weighing.places.push_back(
         one(place.weight, {PlanePoint(track.position.vector() + place.offset_m), place.covariance_m2}));
   }
-  const Detection detected = detection(look, look.window);
-  weighing.elsewhere.hit = judge(elsewhere_, evidence_of(look, detected, ratio * share, share), look.new_ground);
-  weighing.elsewhere.missed = missed_share(detected.of_place, share) * (elsewhere_.visible - weighing.elsewhere.hit);
+  judge_hits(elsewhere_, ratio * share, rival_ratio * share, detection(look, look.window), share, weighing.elsewhere);
   weighing.total = track_.total() + elsewhere_.total();
   for (const Place& place : places_) weighing.total += place.weight.total();
   return weighing;
@@ -329,20 +361,20 @@ PlaceBelief::Weighing PlaceBelief::weigh(const Look& look, const TrackPrediction
 
 // How often does this camera find the place on this map?
 void PlaceBelief::learn_detection(const Weighing& weighing, double new_ground) {
-  double found = weighing.track.hit + weighing.elsewhere.hit;
+  double found = weighing.track.candidate.weight + weighing.elsewhere.candidate.weight;
   double missed = weighing.track.missed + weighing.elsewhere.missed;
   for (const Seen& seen : weighing.places) {
-    found += seen.hit;
+    found += seen.candidate.weight;
     missed += seen.missed;
   }
   detection_hits_ += new_ground * found / weighing.total;
   detection_looks_ += new_ground * (found + missed) / weighing.total;
 }
 
-void PlaceBelief::share_with_displaced_map(Weighing& weighing, bool contradicts) {
-  const auto share = [this](Seen& seen, Weight& weight) {
-    const double shared = kDisplacedMapShare * seen.hit;
-    seen.hit -= shared;
+void PlaceBelief::share_with_displaced_map(Weighing& weighing, Hit Seen::*at, bool contradicts) {
+  const auto share = [&](Seen& seen, Weight& weight) {
+    const double shared = kDisplacedMapShare * (seen.*at).weight;
+    (seen.*at).weight -= shared;
     weight.visible -= shared;
     track_.hidden += shared;
   };
@@ -352,11 +384,12 @@ void PlaceBelief::share_with_displaced_map(Weighing& weighing, bool contradicts)
   }
 }
 
-void PlaceBelief::decide(const Weighing& weighing, bool contradicts, LookResult& result) const {
-  double hits = weighing.track.hit + (contradicts ? 0 : weighing.elsewhere.hit), beside = weighing.track.beside;
+void PlaceBelief::decide(const Weighing& weighing, bool contradicts, double rival_beside, LookResult& result) const {
+  double hits = weighing.track.candidate.weight + (contradicts ? 0 : weighing.elsewhere.candidate.weight);
+  double beside = weighing.track.beside + rival_beside;
   for (std::size_t i = 0; i < places_.size(); ++i) {
     if (places_[i].contradicts) continue;
-    hits += weighing.places[i].hit;
+    hits += weighing.places[i].candidate.weight;
     beside += weighing.places[i].beside;
   }
   result.place_doubt = std::max(0.0, 1 - (hits + beside) / weighing.total);
@@ -364,47 +397,49 @@ void PlaceBelief::decide(const Weighing& weighing, bool contradicts, LookResult&
   result.accepted = result.place_doubt <= kMaxPlaceDoubt && result.association_doubt <= kMaxAssociationDoubt;
 }
 
-// What hit becomes the place that the candidate belongs to, a new one, or the track.
-void PlaceBelief::move_hits_to(const LookCandidate& candidate, const Weighing& weighing, bool contradicts,
-                               const TrackPrediction& track, double new_ground, LookResult& result) {
+// What hit the candidate, or its rival, leaves its hypotheses: for the place that it belongs to, as the look has
+// measured it, or for a new one.
+PlaceBelief::Place PlaceBelief::taken_hits(const LookCandidate& candidate, const Weighing& weighing, Hit Seen::*at,
+                                           bool contradicts, const TrackPrediction& track) {
   const Eigen::Vector2d from_track_m = candidate.position - track.position;
+  const double from_track = (weighing.track.*at).weight, from_elsewhere = (weighing.elsewhere.*at).weight;
   std::size_t target = places_.size();
-  double most = std::max(weighing.track.hit, weighing.elsewhere.hit);
+  double most = std::max(from_track, from_elsewhere);
   for (std::size_t i = 0; i < places_.size(); ++i) {
-    if (weighing.places[i].chi2 > kChi2_999 || weighing.places[i].hit <= most) continue;
-    most = weighing.places[i].hit;
+    const Hit& hit = weighing.places[i].*at;
+    if (hit.chi2 > kChi2_999 || hit.weight <= most) continue;
+    most = hit.weight;
     target = i;
   }
-  Place at{{}, from_track_m, candidate.covariance_m2, track.covariance_m2.trace() / 2, contradicts, contradicts, 0};
+  Place taken{{}, from_track_m, candidate.covariance_m2, track.covariance_m2.trace() / 2, contradicts, contradicts, 0};
   if (target < places_.size()) {
-    at = places_[target];
-    at.of_hint = false;
-    measure(at, from_track_m, candidate.covariance_m2);
-  } else if (weighing.track.hit > weighing.elsewhere.hit) {
-    at.offset_m.setZero();
-    at.covariance_m2 = track.covariance_m2;
-    measure(at, from_track_m, candidate.covariance_m2);
+    taken = places_[target];
+    taken.of_hint = false;
+    measure(taken, from_track_m, candidate.covariance_m2);
+  } else if (from_track > from_elsewhere) {
+    taken.offset_m.setZero();
+    taken.covariance_m2 = track.covariance_m2;
+    measure(taken, from_track_m, candidate.covariance_m2);
   }
-  at.footprints += new_ground;
-
-  at.weight = {weighing.track.hit + weighing.elsewhere.hit, 0, 0};
-  track_.visible -= weighing.track.hit;
-  elsewhere_.visible -= weighing.elsewhere.hit;
+  taken.weight = {from_track + from_elsewhere, 0, 0};
+  track_.visible -= from_track;
+  elsewhere_.visible -= from_elsewhere;
   for (std::size_t i = 0; i < places_.size(); ++i) {
-    at.weight.visible += weighing.places[i].hit;
-    places_[i].weight.visible -= weighing.places[i].hit;
+    const double from_place = (weighing.places[i].*at).weight;
+    taken.weight.visible += from_place;
+    places_[i].weight.visible -= from_place;
   }
-  if (result.accepted) {
-    result.contradicted = at.contradicted || weighing.track.chi2 > kChi2_999;
-    // What is left of the track: the candidate was a chance peak, and the track is where it was.
-    add({track_, Eigen::Vector2d::Zero(), track.covariance_m2, 0, false, false, 0});
-    track_ = at.weight;
-    track_footprints_ = (weighing.track.chi2 > kChi2_999 ? 0 : track_footprints_) + new_ground;
-    anchored_ = true;
-    hinted_ = false;
-  } else {
-    add(at);  // what missed stays where it was, in a place of its own unless it hardly differs
-  }
+  return taken;
+}
+
+// What is left of the track stays: the candidate was a chance peak, and the track is where it was.
+void PlaceBelief::move_track_to(const Place& place, const Weighing& weighing, const TrackPrediction& track,
+                                double new_ground) {
+  add({track_, Eigen::Vector2d::Zero(), track.covariance_m2, 0, false, false, 0});
+  track_ = place.weight;
+  track_footprints_ = (weighing.track.candidate.chi2 > kChi2_999 ? 0 : track_footprints_) + new_ground;
+  anchored_ = true;
+  hinted_ = false;
 }
 
 // The candidate is a measurement of where the place is.

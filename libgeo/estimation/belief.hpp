@@ -19,15 +19,19 @@
 //   hit  = P_D ℓ W N(z; x_i, C_i + R)        elsewhere: P_D ℓ g, where g is the window's share of the area
 //   miss = 1 - P_D q_i                       q_i: share of the hypothesis inside the window
 //
-// where N and q_i are those of the hypothesis inside the area.
-//   L_visible = hit + miss,  L_hidden = 1
+// where N and q_i are those of the hypothesis inside the area. Ground may resemble itself: rows of fields, of houses.
+// Then the second best place of the window, the rival at z' with R', may be the true one; ℓ' = ρ ℓ, where ρ is how
+// often it is, over how often the candidate is, of looks whose two best places are as alike (map_look.hpp).
+//
+//   hit' = P_D ℓ' W N(z'; x_i, C_i + R')
+//   L_visible = hit + hit' + miss,  L_hidden = 1
 // P_D is the mean of a beta distribution: how often a place is found differs from ground to ground and from camera to
 // camera (the prior, from measured looks), and a flight learns its own from the weights of its looks. Where the map is
 // known to be matched well or badly, its odds have a factor. In hit it is that of the ground at z, because the place is
 // there; in miss the mean over the hypothesis in the window, because the place may be anywhere in it.
 //
 // With the chance p_f that the frame is not of this moment (a mixed-up recording): L ← (1 - p_f) L + p_f (1 - P_D + P_D
-// ℓ). Weights are multiplied by L; of a visible hypothesis the share hit / L is at z from now on.
+// ℓ). Weights are multiplied by L; of a visible hypothesis the share hit / L is at z from now on, and hit' / L at z'.
 //
 // The same ground is one witness. s is the share of ground that the last look did not show: for it weights are
 // multiplied by L^s. Of n looks at the same ground the mean of L counts, because the mean of likelihood ratios is
@@ -47,7 +51,8 @@
 // kHarmless_m of z, where the next look searches as well; and when z is then no chance peak beside the truth but for
 // kMaxAssociationDoubt. By what remains of that doubt the filter weighs z (weighted_by_association(),
 // pose_measurements.hpp). What is left of the track stays where it was, as a place. Otherwise z becomes a place, and
-// nothing is moved. A place that comes to lie where the track is, and is hardly wider, becomes the track.
+// nothing is moved. z' never moves the track, because no pose was solved there: it becomes a place. A place that comes
+// to lie where the track is, and is hardly wider, becomes the track.
 //
 // Unconfirmed motion. Few pixels of two frames may agree on a motion by chance; with the chance b (tracking_state.hpp)
 // the track did not move as odometry says. So much of the track becomes a place where the track was predicted without
@@ -101,6 +106,7 @@ struct Look {
   bool continues_track = true;  // false: the frame and the previous one should overlap, and do not
   // Factor on the odds of P_D of the ground beneath a camera, above 0, by its matchability; empty: 1 everywhere.
   std::function<double(const PlanePoint&)> detection_odds{};
+  std::optional<LookCandidate> rival{};  // the second best place, beside a candidate
 };
 
 // A motion that odometry measured, and the track took.
@@ -206,12 +212,16 @@ class PlaceBelief {
   };
   Detection detection(const Look& look, const PlaneBox& place) const;
   static Evidence evidence_of(const Look& look, const Detection& detection, double expected, double share);
+  // Weight of a hypothesis that is at the candidate, or at its rival, from now on.
+  struct Hit {
+    double weight = 0;
+    double chi2 = 0;  // of the candidate
+  };
   // Weights of a hypothesis after a look.
   struct Seen {
-    double hit = 0;     // at the candidate from now on
+    Hit candidate, rival;
     double missed = 0;  // the map shows it in the window, and the candidate is not it
-    double beside = 0;  // not hit, and so near the candidate that a move to it does no harm
-    double chi2 = 0;    // of the candidate
+    double beside = 0;  // hit neither, and so near the candidate that a move to it does no harm
   };
   struct Weighing {
     Seen track, elsewhere;
@@ -224,10 +234,11 @@ class PlaceBelief {
   void bring_places_to(const Eigen::Matrix2d& track_covariance_m2);
   Weighing weigh(const Look& look, const TrackPrediction& track);
   void learn_detection(const Weighing& weighing, double new_ground);
-  void share_with_displaced_map(Weighing& weighing, bool contradicts);
-  void decide(const Weighing& weighing, bool contradicts, LookResult& result) const;
-  void move_hits_to(const LookCandidate& candidate, const Weighing& weighing, bool contradicts,
-                    const TrackPrediction& track, double new_ground, LookResult& result);
+  void share_with_displaced_map(Weighing& weighing, Hit Seen::*at, bool contradicts);
+  void decide(const Weighing& weighing, bool contradicts, double rival_beside, LookResult& result) const;
+  Place taken_hits(const LookCandidate& candidate, const Weighing& weighing, Hit Seen::*at, bool contradicts,
+                   const TrackPrediction& track);
+  void move_track_to(const Place& place, const Weighing& weighing, const TrackPrediction& track, double new_ground);
   void normalize();
 
   // An anchored track, and a place that contradicts it: the track may be there, or more ground supports the place.

@@ -3,6 +3,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "estimation/look_likelihood.hpp"
 #include "vision/localizer_parameters.hpp"
@@ -24,7 +25,21 @@ AnchorVerdict verdict_of(const AnchorMatch& match, const LookContext& context, c
   return AnchorVerdict::awaiting_votes;
 }
 
+// Of a match with a candidate. What another matcher says of the best place, it does not say of the second.
+std::optional<LookCandidate> rival_of(const AnchorMatch& match, const LookContext& context,
+                                      const LookCandidate& candidate) {
+  const std::vector<MatchHypothesis>& places = match.search.places;
+  if (places.size() < 2) return std::nullopt;
+  const double searched_m = kRivalSigma_px * match.coarse_gsd_m;
+  const LookFeatures features = features_of(match, context.prior, context.window.area_m2());
+  return LookCandidate{
+      places[1].pose.position, candidate.covariance_m2 + searched_m * searched_m * Eigen::Matrix2d::Identity(),
+      std::min(candidate.log_likelihood_ratio, log_likelihood_ratio(features)) + rival_log_odds(features.ratio)};
+}
+
 }  // namespace
+
+double rival_log_odds(double ratio) { return kRivalLogOdds - kRivalLogOddsPerRatio * (1 - ratio); }
 
 double anchor_model_error_factor(bool tilt_missing) {
   return tilt_missing ? kUnknownTiltModelErrorFactor : kModelErrorFactor;
@@ -53,6 +68,7 @@ Look look_of(const AnchorMatch& match, const LookContext& context) {
       anchor_model_error_factor(context.tilt_missing) * match.solved->covariance.topLeftCorner<2, 2>() +
       variance_m2 * Eigen::Matrix2d::Identity();
   candidate.log_likelihood_ratio = log_likelihood_ratio(match, context.prior, context.window.area_m2());
+  look.rival = rival_of(match, context, candidate);
   return look;
 }
 

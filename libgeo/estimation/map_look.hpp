@@ -32,7 +32,12 @@ double unmodelled_variance_m2(double agl_m);
 // Where most patches matched something else, those that agree may be the wrong ones: variance of one axis.
 double wrong_consensus_variance_m2(const AnchorMatch& match);
 
-// What the belief needs to know of a match.
+// ln ρ: how often the second best place of a window is the true one, over how often the best is, of looks whose patches
+// agree at the best. The more alike the two are, the more often. ratio: second best score over the best.
+double rival_log_odds(double ratio);
+
+// What the belief needs to know of a match. The rival of its candidate lies where the search found it, and is vaguer by
+// what patches make more precise.
 Look look_of(const AnchorMatch& match, const LookContext& context);
 
 AnchorReport anchor_report(const AnchorMatch& match, const LookContext& context, const Look& look,

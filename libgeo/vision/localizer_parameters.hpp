@@ -604,6 +604,11 @@ inline constexpr double kUnknownTiltModelErrorFactor = 9;  // all of that looks 
 inline constexpr double kWrongConsensusSigma_px = 10;
 inline constexpr double kMostPatches =
     0.5;  // a larger share of patches that agree is no wrong consensus; [safety 2220]
+// The second best place of a search: odds that it is the true one and not the best, e^(a - b (1 - ratio)). Logistic
+// regression of 531 training looks with ratios above 0.75 whose patches speak for the best; [looks].
+inline constexpr double kRivalLogOdds = -0.8;
+inline constexpr double kRivalLogOddsPerRatio = 18;
+inline constexpr double kRivalSigma_px = 6;  // one axis, at the coarse GSD: its place is searched, not solved; [looks]
 inline constexpr double kSharedErrorFootprints = 1.5;  // anchors within it count as one; [safety heading 73]
 inline constexpr double kMinHeightSigma = 0.012;       // log height: roofs, trees, rolling ground; chosen
 inline constexpr double kMinTiltVariance_rad2 = 1e-6;  // keeps the prior invertible; numerics

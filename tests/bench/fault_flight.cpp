@@ -1,6 +1,7 @@
 #include "fault_flight.hpp"
 
 #include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -131,6 +132,34 @@ const char* picture_of(FlightFault fault) {
 // The start that was given is.
 bool starts_off(FlightFault fault) {
   return fault == FlightFault::start_500 || fault == FlightFault::start_2000 || fault == FlightFault::start_and_map;
+}
+
+// The second best place of what was found, as far from the candidate and from the place that is shown as measured, on
+// either side of the line through both. Where one of them is not near the place, in any direction.
+LookCandidate rival_of(const LookCandidate& candidate, const LookFinding& found, const Eigen::Vector2d& shown_m,
+                       Random& random) {
+  const LookFinding::Rival& rival = found.rival;
+  const Eigen::Vector2d to_place_m = shown_m - candidate.position.vector();
+  const double side = random.chance(0.5) ? 1 : -1, off_m = to_place_m.norm();
+  const Eigen::Vector2d direction = random_direction(random);
+  Eigen::Vector2d at_m = candidate.position.vector() + rival.apart_m * direction;
+  if (rival.error_m > 0 && found.error_m > 0) {
+    const double cosine =
+        (off_m * off_m + rival.apart_m * rival.apart_m - rival.error_m * rival.error_m) / (2 * off_m * rival.apart_m);
+    const double angle = side * std::acos(std::clamp(cosine, -1.0, 1.0));
+    at_m = candidate.position.vector() + rival.apart_m / off_m * (Eigen::Rotation2Dd(angle) * to_place_m);
+  } else if (rival.error_m > 0) {
+    at_m = shown_m + rival.error_m * direction;
+  }
+  return {PlanePoint(at_m), candidate.covariance_m2 + rival.searched_m * rival.searched_m * Eigen::Matrix2d::Identity(),
+          rival.log_likelihood_ratio};
+}
+
+// Of a candidate that is seen again.
+LookCandidate moved_with(LookCandidate rival, const LookCandidate& last, const LookCandidate& now) {
+  rival.position = PlanePoint(rival.position.vector() + (now.position - last.position));
+  rival.log_likelihood_ratio += now.log_likelihood_ratio - last.log_likelihood_ratio;
+  return rival;
 }
 
 // The filter is corrected as the localizer corrects its own (localizer.cpp, anchor_measurement()).
@@ -342,6 +371,7 @@ void FaultFlight::advance(State& s, Random& random) const {
     sigmas = s.last_chance_sigmas;
     candidate_at(s.last_chance->position.vector() + second.moved_m * random_direction(random),
                  second.log_likelihood_ratio);
+    if (s.last_rival) look.rival = moved_with(*s.last_rival, *s.last_chance, *look.candidate);
     s.last_chance = look.candidate;
   } else {
     const LookFinding found = s.pools.draw(window, radius_m, random);
@@ -361,7 +391,19 @@ void FaultFlight::advance(State& s, Random& random) const {
       s.last_chance = look.candidate;
       s.last_chance_sigmas = sigmas;
     }
+    const bool place = found.outcome == LookOutcome::place;
+    if (look.candidate && found.has_rival()) {
+      look.rival = rival_of(*look.candidate, found, shown_m, random);
+      if (place && s.alike_m && random.chance(repeats_.again(s.new_ground))) {
+        look.rival->position = PlanePoint(look.candidate->position.vector() + *s.alike_m);
+      }
+      const Eigen::Vector2d apart_m = look.rival->position - look.candidate->position;
+      if (place || found.rival.error_m > 0) s.alike_m = place ? apart_m : Eigen::Vector2d(-apart_m);
+    } else if (place) {
+      s.alike_m.reset();
+    }
   }
+  s.last_rival = look.rival;
   const LookResult result = s.belief.update(look, {PlanePoint(s.error_m()), s.covariance_m2(), s.stands});
   if (result.accepted) correct(s, *look.candidate, sigmas, result);
   s.window.record_attempt(result.accepted ? AnchorVerdict::accepted : AnchorVerdict::few_inliers);

@@ -8,12 +8,14 @@
 // height and heading. A look searches a
 // window around the track as the localizer would (search_window.hpp). What it finds is a measured look of the same kind
 // of window and picture over the same ground: nothing; the true place, with its measured error in a random direction;
-// or a chance peak, uniform in the window, or beside the truth at its measured distance. The belief weighs it; when it
-// accepts, the filter is updated with the covariance that the localizer would use.
+// or a chance peak, uniform in the window, or beside the truth at its measured distance; and with it the second best
+// place, as far from both as it was measured, on either side. The belief weighs them; when it accepts, the filter is
+// updated with the covariance that the localizer would use.
 //
 // Looks in a row depend on each other: a chance peak is seen again at the same place with the upper bound of the
-// counted probability, displaced and with a weight of evidence as when counted (repeated_looks.hpp); an error of the
-// true place, in σ, stays with the ground that both show. The map as a whole is off by its own σ.
+// counted probability, displaced and with a weight of evidence as when counted (repeated_looks.hpp), and so is its
+// rival, and that of the true place; an error of the true place, in σ, stays with the ground that both show. The map as
+// a whole is off by its own σ.
 //
 // A wrong motion is one that few pixels agreed on by chance, where the velocity is known so badly that the prediction
 // does not refuse it (tracking_state.hpp): it ends anywhere in the frame where the prediction may be, and the belief
@@ -116,7 +118,8 @@ class FaultFlight {
     bool begun = false;  // the fault
     double minute_ends_s = 0;
     double new_ground = 1;
-    std::optional<LookCandidate> last_chance;
+    std::optional<LookCandidate> last_chance, last_rival;
+    std::optional<Eigen::Vector2d> alike_m;  // from the place to the one beside it that looks like it
     CandidateSigmas last_chance_sigmas;
     std::optional<Eigen::Vector2d> place_error_sigmas;
     bool last_foreign = false;

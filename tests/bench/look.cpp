@@ -154,13 +154,7 @@ std::optional<PlanePoint> centre_of(const CameraModel& camera, const CameraPose&
   return ground_from_ray(pose, camera.ray_from_pixel({camera.width / 2.0, camera.height / 2.0}));
 }
 
-void judge(Look& look, const Scene& scene, const AnchorMatch& match) {
-  look.features.ratio = match.search.ratio;
-  if (!match.search.places.empty()) look.features.score = match.search.places.front().score;
-  look.patches = match.patches;
-  look.fine_gsd_m = match.fine_gsd_m;
-  if (!match.solved) return;
-  const SolvedPose& solved = *match.solved;
+void judge_candidate(Look& look, const Scene& scene, const SolvedPose& solved) {
   const auto centre = centre_of(scene.camera, solved.pose);
   const Eigen::Matrix2d spread = anchor_model_error_factor(false) * solved.covariance.topLeftCorner<2, 2>();
   look.camera_sigma_m = std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(spread).eigenvalues().maxCoeff());
@@ -173,6 +167,20 @@ void judge(Look& look, const Scene& scene, const AnchorMatch& match) {
   look.camera_error_m = look.off_m.norm();
   const auto true_centre = scene.ground.frames.empty() ? centre_of(scene.camera, scene.truth) : std::nullopt;
   look.error_m = true_centre && centre ? distance_m(*centre, *true_centre) : look.camera_error_m;
+}
+
+void judge(Look& look, const Scene& scene, const AnchorMatch& match) {
+  look.features.ratio = match.search.ratio;
+  if (!match.search.places.empty()) look.features.score = match.search.places.front().score;
+  look.patches = match.patches;
+  look.fine_gsd_m = match.fine_gsd_m;
+  look.coarse_gsd_m = match.coarse_gsd_m;
+  if (!match.solved) return;
+  judge_candidate(look, scene, *match.solved);
+  if (match.search.places.size() < 2) return;
+  const PlanePoint rival = match.search.places[1].pose.position;
+  look.rival_apart_m = distance_m(rival, match.solved->pose.position);
+  look.rival_error_m = distance_m(rival, scene.truth.position);
 }
 
 Scene scene_over(const Ground& ground) {
@@ -422,7 +430,8 @@ std::string look_header(std::uint64_t base_seed, const LookPlan& plan, const Gro
   return fmt::format(
       "# nadir bench looks, base seed {}, {:g} real, {:g} right{}{}, grounds: "
       "{}\nindex,ground,window,picture,verdict,radius_m,"
-      "agl_m,patches,{},error_m,camera_error_m,camera_sigma_m,tolerance_m,fine_gsd_m{}\n",
+      "agl_m,patches,{},error_m,camera_error_m,camera_sigma_m,tolerance_m,fine_gsd_m,coarse_gsd_m,"
+      "rival_apart_m,rival_error_m{}\n",
       base_seed, plan.real_share, plan.right_share, windows, named ? ", matcher " + plan.matcher_name : "",
       grounds.names(), fmt::join(LookFeatures::names, ","), named ? ",off_east_m,off_north_m,cpu_ms" : "");
 }
@@ -430,10 +439,11 @@ std::string look_header(std::uint64_t base_seed, const LookPlan& plan, const Gro
 std::string line(const Look& l) {
   const std::string place =
       l.names_matcher ? fmt::format(",{:.2f},{:.2f},{:.1f}", l.off_m.x(), l.off_m.y(), l.cpu_ms) : "";
-  return fmt::format("{},{},{},{},{},{:.0f},{:.0f},{},{:.5f},{:.2f},{:.2f},{:.2f},{:.0f},{:.3f}{}\n", l.index, l.ground,
-                     l.window, l.picture, l.verdict, l.radius_m, l.agl_m, l.patches,
-                     fmt::join(l.features.values(), ","), l.error_m, l.camera_error_m, l.camera_sigma_m, l.tolerance_m,
-                     l.fine_gsd_m, place);
+  return fmt::format(
+      "{},{},{},{},{},{:.0f},{:.0f},{},{:.5f},{:.2f},{:.2f},{:.2f},{:.0f},{:.3f},{:.3f},{:.1f},{:.1f}{}\n", l.index,
+      l.ground, l.window, l.picture, l.verdict, l.radius_m, l.agl_m, l.patches, fmt::join(l.features.values(), ","),
+      l.error_m, l.camera_error_m, l.camera_sigma_m, l.tolerance_m, l.fine_gsd_m, l.coarse_gsd_m, l.rival_apart_m,
+      l.rival_error_m, place);
 }
 
 Look look_of(const std::string& text) {
@@ -451,7 +461,7 @@ Look look_of(const std::string& text) {
     in >> *value >> comma;
   }
   in >> l.tolerance_m;
-  if (in && !in.eof() && in.peek() == ',') in >> comma >> l.fine_gsd_m;  // results of the first version end before it
+  for (double* value : {&l.fine_gsd_m, &l.coarse_gsd_m, &l.rival_apart_m, &l.rival_error_m}) in >> comma >> *value;
   if (in && !in.eof() && in.peek() == ',') {
     l.names_matcher = true;
     in >> comma >> l.off_m.x() >> comma >> l.off_m.y() >> comma >> l.cpu_ms;

@@ -26,7 +26,8 @@ struct Look {
   double camera_error_m = -1;
   double camera_sigma_m = 0;  // of the solved position, with what the solver does not model; the larger axis
   double tolerance_m = 25;
-  double fine_gsd_m = 0;  // of the matching; 0: not stored
+  double fine_gsd_m = 0, coarse_gsd_m = 0;      // of the matching
+  double rival_apart_m = 0, rival_error_m = 0;  // the second best place, from the candidate and the truth; 0: none
   // Of the position, from the truth, and processor time of the match. Stored where a plan names its matcher.
   Eigen::Vector2d off_m = Eigen::Vector2d::Zero();
   double cpu_ms = 0;

@@ -7,6 +7,9 @@
 #include <map>
 #include <set>
 
+#include "estimation/map_look.hpp"
+#include "measured_looks.hpp"
+
 namespace nadir::bench {
 namespace {
 
@@ -120,6 +123,50 @@ std::string reliability_table(const Looks& looks) {
     text += fmt::format("| {:.1f} | {} | {} | {} ({} to {}) |\n", band.stated, band.right.count, band.chance.count,
                         band.right.count == 0 ? "-∞" : number(band.observed()),
                         band.right.count == 0 ? "-∞" : number(low), number(high));
+  }
+  return text;
+}
+
+// Whether candidates claim too much where another place scores nearly as well, and how often that place, the rival, is
+// the true one: in windows that hold it, over grounds whose registration is known. With n+ right and n- wrong ones of
+// all candidates there, 1 / (1 + Λ n+ / n-) of each is expected to be wrong; and with the odds of rival_log_odds(), of
+// those where one of the two is right, so many rivals to be right.
+std::string rival_table(const Looks& looks) {
+  static constexpr std::array kRatios = {0.5, 0.7, 0.8, 0.85, 0.9, 0.95, 1.0};
+  constexpr double kLeast = 3;
+  struct Row {
+    int right = 0, wrong = 0, rival = 0;
+    double wrong_expected = 0, rival_expected = 0;
+  };
+  std::array<Row, kRatios.size()> rows;
+  const auto counts = [](const Look& look) {
+    return look.window == "right" && look.candidate() && family(look) != "pair" && tilt_was_measured(look);
+  };
+  double all_right = 0, all_wrong = 0;
+  for (const auto& [index, look] : looks) {
+    if (counts(look)) ++(look.right() ? all_right : all_wrong);
+  }
+  for (const auto& [index, look] : looks) {
+    if (!counts(look) || weight(look) <= std::log(kLeast)) continue;
+    const auto at = std::upper_bound(kRatios.begin(), kRatios.end() - 1, look.features.ratio) - kRatios.begin();
+    Row& row = rows[static_cast<std::size_t>(at)];
+    const bool rival = !look.right() && look.rival_apart_m > 0 && look.rival_error_m <= look.tolerance_m;
+    ++(look.right() ? row.right : row.wrong);
+    row.wrong_expected += 1 / (1 + std::exp(weight(look)) * all_right / all_wrong);
+    if (!look.right() && !rival) continue;
+    row.rival += rival ? 1 : 0;
+    row.rival_expected += 1 / (1 + std::exp(-rival_log_odds(look.features.ratio)));
+  }
+  std::string text = fmt::format(
+      "| best score elsewhere over the candidate's | right, with Λ above {:g} | wrong | expected | of these the rival "
+      "is "
+      "right | expected |\n|---|---|---|---|---|---|\n",
+      kLeast);
+  double from = 0;
+  for (std::size_t i = 0; i < rows.size(); from = kRatios[i++]) {
+    const Row& row = rows[i];
+    text += fmt::format("| {:g} to {:.2g} | {} | {} | {:.1f} | {} | {:.1f} |\n", from, kRatios[i], row.right, row.wrong,
+                        row.wrong_expected, row.rival, row.rival_expected);
   }
   return text;
 }
@@ -260,7 +307,8 @@ std::string contradictions(const Looks& looks) {
 }
 
 std::string rate_tables(const Looks& looks) {
-  return chance_table(looks) + "\n" + availability_table(looks) + "\n" + reliability_table(looks);
+  return chance_table(looks) + "\n" + availability_table(looks) + "\n" + reliability_table(looks) + "\n" +
+         rival_table(looks);
 }
 
 std::string reliability_svg(const Looks& looks) {

@@ -16,12 +16,14 @@ namespace {
 
 constexpr std::string_view kMeasuredFormat = "# nadir measured looks, ";
 constexpr std::string_view kColumns =
-    "count,ground,window,picture,radius_m,outcome,nats,error_m,solved_m,consensus_m,height_m";
+    "count,ground,window,picture,radius_m,outcome,nats,error_m,solved_m,consensus_m,height_m,"
+    "rival_nats,rival_apart_m,rival_error_m,rival_searched_m";
 constexpr double kNear_m = 150;  // farther from the true place a chance peak may lie anywhere in the window
 constexpr double kMeasuredTilt_rad = 0.1;
 constexpr double kWeak_nats = -1;  // of chance peaks below, up to kThinned are one row
 constexpr std::size_t kThinned = 8;
-constexpr double kClaims_nats = 0;  // what shows how much alike the looks of one picture are
+constexpr double kLeastRival_nats = -4;  // of rivals that are kept: less says nothing
+constexpr double kClaims_nats = 0;       // what shows how much alike the looks of one picture are
 constexpr std::array kWindowNames = {"holds", "elsewhere", "other"};
 constexpr std::array kOutcomeNames = {"none", "place", "chance"};
 
@@ -61,7 +63,9 @@ MeasuredLook measured_of(const std::string& line, const std::vector<std::string>
   in >> picture >> comma >> look.radius_m >> comma;
   std::getline(in, outcome, ',');
   in >> found.log_likelihood_ratio >> comma >> found.error_m >> comma >> found.sigmas.solved_m >> comma >>
-      found.sigmas.wrong_consensus_m >> comma >> found.sigmas.unmodelled_m;
+      found.sigmas.wrong_consensus_m >> comma >> found.sigmas.unmodelled_m >> comma >>
+      found.rival.log_likelihood_ratio >> comma >> found.rival.apart_m >> comma >> found.rival.error_m >> comma >>
+      found.rival.searched_m;
   if (!in || !(in >> std::ws).eof() || look.count < 1 || ground >= grounds.size() || picture >= pictures.size()) {
     throw Error({.what = "a line of measured looks cannot be read", .found = line});
   }
@@ -153,6 +157,7 @@ CandidateSigmas sigmas_of(const Look& look) {
 }
 
 MeasuredLook measured(const Look& look) {
+  using parameters::anchor_measurement::kRivalSigma_px;
   const double unit = unit_of(look.ground);
   MeasuredLook row{look.ground, look.picture, kind_of(look), nearest_radius_m(look.radius_m / unit), {}};
   if (!look.candidate()) return row;
@@ -162,8 +167,13 @@ MeasuredLook measured(const Look& look) {
   found.error_m = look.camera_error_m / unit;
   found.sigmas = sigmas_of(look);
   found.sigmas.solved_m /= unit, found.sigmas.wrong_consensus_m /= unit, found.sigmas.unmodelled_m /= unit;
-  if (found.outcome == LookOutcome::chance && (row.window != WindowKind::holds_place || found.error_m > kNear_m)) {
-    found.error_m = 0;
+  const auto far = [&](double error_m) { return row.window != WindowKind::holds_place || error_m > kNear_m; };
+  if (found.outcome == LookOutcome::chance && far(found.error_m)) found.error_m = 0;
+  const double rival_nats = found.log_likelihood_ratio + rival_log_odds(look.features.ratio);
+  if (look.rival_apart_m > 0 && rival_nats >= kLeastRival_nats) {
+    found.rival = {rival_nats, look.rival_apart_m / unit, look.rival_error_m / unit,
+                   kRivalSigma_px * look.coarse_gsd_m / unit};
+    if (far(found.rival.error_m)) found.rival.error_m = 0;
   }
   return row;
 }
@@ -193,7 +203,7 @@ MeasuredLooks::MeasuredLooks(std::string origin, std::vector<MeasuredLook> looks
     if (look.found.outcome == LookOutcome::chance &&
         (strongest.outcome == LookOutcome::none || look.found.log_likelihood_ratio > strongest.log_likelihood_ratio)) {
       strongest = look.found;
-      strongest.error_m = 0;  // anywhere in the window
+      strongest.error_m = strongest.rival.error_m = 0;  // anywhere in the window
     }
   }
   for (const WindowKind window : kWindowKinds) {
@@ -208,7 +218,7 @@ MeasuredLooks::MeasuredLooks(std::string origin, std::vector<MeasuredLook> looks
 MeasuredLooks MeasuredLooks::reduced(std::string origin, const Looks& looks) {
   std::vector<MeasuredLook> rows;
   for (const auto& [index, look] : looks) {
-    if (tilt_was_measured(look) && look.fine_gsd_m > 0) rows.push_back(measured(look));
+    if (tilt_was_measured(look)) rows.push_back(measured(look));
   }
   MeasuredLooks table(std::move(origin), thinned(rows), {});
   const double effect = design_effect(looks);
@@ -278,11 +288,14 @@ std::string MeasuredLooks::text() const {
                                  fmt::join(pictures, ","), beyond, kColumns);
   for (const MeasuredLook& l : looks_) {
     const LookFinding& f = l.found;
+    const std::string rival = f.has_rival() ? fmt::format("{:.3g},{:.3g},{:.3g},{:.2g}", f.rival.log_likelihood_ratio,
+                                                          f.rival.apart_m, f.rival.error_m, f.rival.searched_m)
+                                            : "0,0,0,0";
     text +=
-        fmt::format("{},{},{},{},{:.0f},{},{:.3g},{:.3g},{:.2g},{:.2g},{:.2g}\n", l.count, number(grounds, l.ground),
+        fmt::format("{},{},{},{},{:.0f},{},{:.3g},{:.3g},{:.2g},{:.2g},{:.2g},{}\n", l.count, number(grounds, l.ground),
                     kWindowNames[static_cast<std::size_t>(l.window)][0], number(pictures, l.picture), l.radius_m,
                     kOutcomeNames[static_cast<std::size_t>(f.outcome)][0], f.log_likelihood_ratio, f.error_m,
-                    f.sigmas.solved_m, f.sigmas.wrong_consensus_m, f.sigmas.unmodelled_m);
+                    f.sigmas.solved_m, f.sigmas.wrong_consensus_m, f.sigmas.unmodelled_m, rival);
   }
   return text;
 }

@@ -45,6 +45,14 @@ struct LookFinding {
   double log_likelihood_ratio = 0;
   double error_m = 0;  // of the position; of a chance peak only where it is near the true place
   CandidateSigmas sigmas;
+  // The second best place, where it may be the true one.
+  struct Rival {
+    double log_likelihood_ratio = 0;
+    double apart_m = 0;     // from the candidate; 0: there is none
+    double error_m = 0;     // only where it is near the true place
+    double searched_m = 0;  // one-axis σ that it has beside the candidate's
+  } rival;
+  bool has_rival() const { return rival.apart_m > 0; }
 };
 struct MeasuredLook {
   std::string ground, picture;
@@ -91,8 +99,7 @@ class MeasuredLooks {
 
   // origin: the run that the looks come from, in one line. Throws Error where a kind of window has no look at all.
   MeasuredLooks(std::string origin, std::vector<MeasuredLook> looks, const Beyond& beyond);
-  // Of looks with telemetry as a flight has it (tilt_was_measured()). Those of a first version, which stored no scale
-  // of the matching, count in the tail alone.
+  // Of looks with telemetry as a flight has it (tilt_was_measured()).
   static MeasuredLooks reduced(std::string origin, const Looks& looks);
   MeasuredLooks(MeasuredLooks&&) = default;  // the pools point into it
   // The form that the project stores, of a few dozen bytes a look. Throws Error for lines that cannot be read.

@@ -495,6 +495,67 @@ TEST(Belief, APlaceThatIsMuchWiderThanTheTrackStaysAPlace) {
   EXPECT_GE(flight.belief.places(), 1U);
 }
 
+// ---- The rival of a candidate: ground that resembles itself
+
+Look with_rival(Look look, PlanePoint at, double log_ratio) {
+  look.rival = LookCandidate{at, circle(8), log_ratio};
+  return look;
+}
+
+// Looks from x = 0 on at new ground, of a track that hardly knows where it is along them.
+struct AlikeRows {
+  PlaceBelief belief{kStartDoubt, kArea};
+  double east_m = -150;
+
+  LookResult look(double candidate_north_m, double ratio, std::optional<double> rival_north_m, double rival_ratio) {
+    east_m += 150;
+    Look look = look_at({east_m, 0}, 150, PlanePoint{east_m, candidate_north_m}, ratio);
+    if (rival_north_m) look = with_rival(look, {east_m, *rival_north_m}, rival_ratio);
+    return belief.update(look, track({east_m, 0}, 40));
+  }
+};
+
+TEST(Belief, OfTwoRowsThatLookAlikeNeitherIsTakenUntilALookTellsThemApart) {
+  AlikeRows rows;
+  EXPECT_FALSE(rows.look(30, 7, -30, 6).accepted);
+  const auto level = rows.belief.protection_level_m(circle(40), kIntegrityRisk, circle(1));
+  ASSERT_TRUE(level);
+  EXPECT_GT(*level, 60) << "it holds both";
+  EXPECT_TRUE(rows.look(-30, 7, std::nullopt, 0).accepted) << "the rival was the place";
+  EXPECT_GT(rows.belief.track_probability(), 0.99);
+}
+
+TEST(Belief, WithoutItsRivalTheSameCandidateIsTakenAtOnce) {
+  AlikeRows rows;
+  EXPECT_TRUE(rows.look(30, 7, std::nullopt, 0).accepted);
+  AlikeRows unlike;
+  EXPECT_TRUE(unlike.look(30, 7, -30, 7 - 18).accepted) << "nor does a place matter that hardly looks like it";
+}
+
+TEST(Belief, ASharpTrackKnowsWhichOfTwoRowsItIsOver) {
+  LookFlight flight = known_start(4);
+  const Look alone = look_at({0, 0}, 60, PlanePoint{2, 1}, 7);
+  PlaceBelief without = flight.belief, with = flight.belief;
+  EXPECT_TRUE(without.update(alone, track({0, 0}, 4)).accepted);
+  EXPECT_TRUE(with.update(with_rival(alone, {2, 51}, 6.5), track({0, 0}, 4)).accepted);
+  EXPECT_NEAR(with.track_probability(), without.track_probability(), 1e-4);
+}
+
+TEST(Belief, ATrackThatIsWhereTheRivalIsKeepsItsWeight) {
+  // The candidate speaks for a place 60 m beside; its rival says that the same picture is seen where the track is.
+  const Look wrong = look_at({0, 0}, 120, PlanePoint{60, 0}, 7);
+  PlaceBelief without(kStartDoubt, kArea), with(kStartDoubt, kArea);
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_FALSE(without.update(wrong, track({0, 0}, 5)).accepted);
+    EXPECT_FALSE(with.update(with_rival(wrong, {0, 0}, 6.5), track({0, 0}, 5)).accepted) << "a rival moves no track";
+  }
+  for (PlaceBelief* belief : {&without, &with}) {
+    belief->update(look_at({0, 0}, 120, std::nullopt, 0), track({0, 0}, 5));
+  }
+  EXPECT_LT(without.track_probability(), 0.2);
+  EXPECT_GT(with.track_probability(), 0.9);
+}
+
 TEST(Belief, NoSequenceOfLooksBreaksIt) {
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
     Random random(seed);
@@ -506,6 +567,9 @@ TEST(Belief, NoSequenceOfLooksBreaksIt) {
       std::optional<PlanePoint> found;
       if (random.chance(0.8)) found = PlanePoint{at.east_m + random.normal(0, 200), random.normal(0, 200)};
       Look look = look_at(at, random.uniform(1, 2000), found, random.uniform(-10, 10), random.uniform(0, 1));
+      if (found && random.chance(0.5)) {
+        look = with_rival(look, {found->east_m + random.normal(0, 60), found->north_m}, random.uniform(-30, 10));
+      }
       look.continues_track = random.chance(0.7);
       const auto prediction = track(at, random.uniform(0.5, 2000), random.chance(0.5));
       if (random.chance(0.5)) {

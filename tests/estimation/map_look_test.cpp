@@ -1,0 +1,82 @@
+// What the belief is told of a match: its candidate, and the rival that may be the place instead.
+#include "estimation/map_look.hpp"
+
+#include <gtest/gtest.h>
+
+#include "estimation/look_likelihood.hpp"
+#include "vision/localizer_parameters.hpp"
+
+namespace nadir {
+namespace {
+
+using namespace parameters::anchor_measurement;
+
+LookContext context_at(PlanePoint middle) {
+  LookContext context;
+  context.prior.search.pose = {middle, 100, {}};
+  context.prior.search.radius_m = 120;
+  context.window = {middle.east_m - 120, middle.north_m - 120, middle.east_m + 120, middle.north_m + 120};
+  context.agl_m = 100;
+  return context;
+}
+
+// Most patches agree at the first of two places of these scores.
+AnchorMatch match_of(double best, double second) {
+  AnchorMatch match;
+  match.search.places = {{{{10, 20}, 100, {}}, best, best}, {{{10, -30}, 100, {}}, second, second}};
+  match.search.ratio = second / best;
+  match.fine_gsd_m = 0.5, match.coarse_gsd_m = 1;
+  match.patches = 90;
+  match.frame_share = 0.9;
+  SolvedPose& solved = match.solved.emplace();
+  solved.pose = {{12, 21}, 101, {}};
+  solved.covariance.setIdentity();
+  solved.inliers = 80;
+  solved.rms_m = 0.5;
+  return match;
+}
+
+TEST(MapLook, TheSecondBestPlaceIsTheRivalWhereTheSearchFoundIt) {
+  const Look look = look_of(match_of(0.6, 0.57), context_at({0, 0}));
+  ASSERT_TRUE(look.candidate && look.rival);
+  EXPECT_EQ(look.candidate->position.north_m, 21);
+  EXPECT_EQ(look.rival->position.east_m, 10);
+  EXPECT_EQ(look.rival->position.north_m, -30);
+  EXPECT_DOUBLE_EQ(look.rival->covariance_m2(0, 0) - look.candidate->covariance_m2(0, 0),
+                   kRivalSigma_px * kRivalSigma_px)
+      << "it was searched, not solved";
+  EXPECT_DOUBLE_EQ(look.rival->log_likelihood_ratio, look.candidate->log_likelihood_ratio + rival_log_odds(0.57 / 0.6));
+}
+
+TEST(MapLook, TheLessItLooksLikeTheFrameTheLessItIsWorth) {
+  EXPECT_LT(rival_log_odds(1), 0) << "patches agree at the candidate";
+  double last = rival_log_odds(1);
+  for (double ratio = 0.95; ratio >= 0; ratio -= 0.05) {
+    EXPECT_LT(rival_log_odds(ratio), last);
+    last = rival_log_odds(ratio);
+  }
+}
+
+TEST(MapLook, WithoutASecondPlaceThereIsNone) {
+  AnchorMatch match = match_of(0.6, 0.3);
+  match.search.places.pop_back();
+  match.search.ratio = 1;
+  EXPECT_FALSE(look_of(match, context_at({0, 0})).rival);
+  match.solved.reset();
+  const Look nothing = look_of(match, context_at({0, 0}));
+  EXPECT_FALSE(nothing.candidate || nothing.rival);
+}
+
+TEST(MapLook, WhatAnotherMatcherSaysOfTheCandidateIsNotSaidOfItsRival) {
+  AnchorMatch match = match_of(0.6, 0.57);
+  const Look alone = look_of(match, context_at({0, 0}));
+  match.judged_log_likelihood_ratio = alone.candidate->log_likelihood_ratio + 3;
+  const Look confirmed = look_of(match, context_at({0, 0}));
+  EXPECT_DOUBLE_EQ(confirmed.rival->log_likelihood_ratio, alone.rival->log_likelihood_ratio);
+  match.judged_log_likelihood_ratio = alone.candidate->log_likelihood_ratio - 3;
+  const Look doubted = look_of(match, context_at({0, 0}));
+  EXPECT_DOUBLE_EQ(doubted.rival->log_likelihood_ratio, alone.rival->log_likelihood_ratio - 3);
+}
+
+}  // namespace
+}  // namespace nadir
