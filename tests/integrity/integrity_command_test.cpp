@@ -89,7 +89,7 @@ TEST(IntegrityCommand, MakesTheTableOfLooksThatWereMeasured) {
   for (const char* window : {"right", "elsewhere", "mirrored"}) {
     looks += std::string("1,painted 9,") + window +
              ",clear,candidate,60,200,96,0.5,0.3,0.4,40,1.2,0.9,0.5,0.5,0.014,3.4,3.2," +
-             (window == std::string("right") ? "4.00,5.00" : "400.00,410.00") + ",2.00,25,0.800\n";
+             (window == std::string("right") ? "4.00,5.00" : "400.00,410.00") + ",2.00,25,0.800,1.5,60.0,58.0\n";
     looks.replace(looks.rfind("\n1,"), 3, std::string("\n") + std::to_string(looks.size()) + ",");
   }
   write_file_atomic(results, looks);
