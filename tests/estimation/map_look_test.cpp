@@ -1,4 +1,4 @@
-// What the belief is told of a match: its candidate, and the rival that may be the place instead.
+// What the belief gets of a match: its candidate, and the rival that may be the place instead.
 #include "estimation/map_look.hpp"
 
 #include <gtest/gtest.h>
@@ -74,8 +74,8 @@ TEST(MapLook, WhatAnotherMatcherSaysOfTheCandidateIsNotSaidOfItsRival) {
   const Look confirmed = look_of(match, context_at({0, 0}));
   EXPECT_DOUBLE_EQ(confirmed.rival->log_likelihood_ratio, alone.rival->log_likelihood_ratio);
   match.judged_log_likelihood_ratio = alone.candidate->log_likelihood_ratio - 3;
-  const Look doubted = look_of(match, context_at({0, 0}));
-  EXPECT_DOUBLE_EQ(doubted.rival->log_likelihood_ratio, alone.rival->log_likelihood_ratio - 3);
+  const Look contradicted = look_of(match, context_at({0, 0}));
+  EXPECT_DOUBLE_EQ(contradicted.rival->log_likelihood_ratio, alone.rival->log_likelihood_ratio - 3);
 }
 
 }  // namespace

@@ -129,13 +129,13 @@ TEST(KnockOut, APaintedWorldThatTheFitNeverSaw) {
   EXPECT_GT(found.share(), 0.4) << rate_tables(looks);
 }
 
-// Rows of fields beside the place that look like it, nearer than another place may be. The sweep has them on top, and
-// positions were 22 and 11 m off when nothing else was confirmed there.
+// The sweep has a peak on top that is not the place, and the place beside it, nearer than another place may be: they
+// were 28, 65 and 37 m off when only one peak of each place was confirmed.
 TEST(KnockOut, OfPeaksThatAreOnePlaceTheRightOneIsFound) {
-  for (const std::uint64_t index : {322U, 607U}) {
+  for (const std::uint64_t index : {319U, 391U, 602U}) {
     const Look look = take_look(painted(), {.real_share = 0, .right_share = 1}, kUnseen + 5, index);
     EXPECT_TRUE(look.candidate()) << index;
-    EXPECT_LT(look.error_m, 3) << index;
+    EXPECT_LT(look.error_m, 5) << index;
   }
 }
 
