@@ -97,7 +97,7 @@ inline constexpr std::size_t kWideCandidates = 2;     // times kSearchCandidates
 inline constexpr std::size_t kRefinedCandidates = 2;  // the best ones, between the sweep's steps: best and its rival
 inline constexpr int kRefineSlack_px = 2;             // around each of those; chosen
 // Peaks beside the best ones that are one place with them by distance: at least so far off, because patches reach no
-// farther; so many of each; and of so much of its score in the sweep. [looks]
+// farther; so many of each; and of so much of its score in the sweep. Chosen; what they bring: docs/localization.md.
 inline constexpr double kNearPeak_px = 8;
 inline constexpr std::size_t kNearPeaks = 2;
 inline constexpr double kNearPeakScore = 0.75;

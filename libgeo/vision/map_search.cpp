@@ -315,12 +315,12 @@ SearchResult confirm_places(WindowSearch& window) {
   };
   if (places.empty()) return {};
   const MatchHypothesis best = places.front();
-  const auto first = [&](const auto& wanted) {
+  const auto refine_first = [&](const auto& wanted) {
     const auto found = std::find_if(places.begin(), places.end(), wanted);
     if (found != places.end()) refine(*found);
   };
-  first([&](const MatchHypothesis& h) { return is_near(h, best, options); });
-  first(
+  refine_first([&](const MatchHypothesis& h) { return is_near(h, best, options); });
+  refine_first(
       [&](const MatchHypothesis& h) { return distance_m(h.pose.position, best.pose.position) >= options.distinct_m; });
   refine(places.front());
   return best_of(std::move(places), options);

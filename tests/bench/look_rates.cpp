@@ -158,9 +158,9 @@ std::string rival_table(const Looks& looks) {
     row.rival_expected += 1 / (1 + std::exp(-rival_log_odds(look.features.ratio)));
   }
   std::string text = fmt::format(
-      "| best score elsewhere over the candidate's | right, with Λ above {:g} | wrong | expected | of these the rival "
-      "is "
-      "right | expected |\n|---|---|---|---|---|---|\n",
+      "| best score elsewhere over the candidate's | right, with Λ above {:g} | wrong | expected | rival right | "
+      "expected "
+      "|\n|---|---|---|---|---|---|\n",
       kLeast);
   double from = 0;
   for (std::size_t i = 0; i < rows.size(); from = kRatios[i++]) {
