@@ -285,21 +285,16 @@ LookResult PlaceBelief::update(const Look& look, const TrackPrediction& track) {
   LookResult result;
   result.chi2 = weighing.track.candidate.chi2;
   if (look.candidate) {
-    const auto contradicts = [&](const Hit& of_track) { return track.stands && !hinted_ && of_track.chi2 > kChi2_999; };
-    const bool candidate_does = contradicts(weighing.track.candidate);
-    const bool rival_does = contradicts(weighing.track.rival);
-    share_with_displaced_map(weighing, &Seen::candidate, candidate_does);
-    share_with_displaced_map(weighing, &Seen::rival, rival_does);
     std::optional<Place> rival;
     double rival_beside = 0;
     if (look.rival) {
-      rival = taken_hits(*look.rival, weighing, &Seen::rival, rival_does, track);
+      rival = taken_hits(*look.rival, weighing, &Seen::rival, track);
       const Gaussian there{PlanePoint(track.position.vector() + rival->offset_m), rival->covariance_m2};
       if (!rival->contradicts) rival_beside = rival->weight.total() * share_near(*look.candidate, there);
     }
-    decide(weighing, candidate_does, rival_beside, result);
-    Place found = taken_hits(*look.candidate, weighing, &Seen::candidate, candidate_does, track);
+    Place found = taken_hits(*look.candidate, weighing, &Seen::candidate, track);
     found.footprints += look.new_ground;
+    decide(weighing, contradicts_track(weighing.track.candidate, track), rival_beside, result);
     if (result.accepted) {
       result.contradicted = found.contradicted || result.chi2 > kChi2_999;
       move_track_to(found, weighing, track, look.new_ground);
@@ -371,6 +366,10 @@ void PlaceBelief::learn_detection(const Weighing& weighing, double new_ground) {
   detection_looks_ += new_ground * (found + missed) / weighing.total;
 }
 
+bool PlaceBelief::contradicts_track(const Hit& of_track, const TrackPrediction& track) const {
+  return track.stands && !hinted_ && of_track.chi2 > kChi2_999;
+}
+
 void PlaceBelief::share_with_displaced_map(Weighing& weighing, Hit Seen::*at, bool contradicts) {
   const auto share = [&](Seen& seen, Weight& weight) {
     const double shared = kDisplacedMapShare * (seen.*at).weight;
@@ -399,8 +398,10 @@ void PlaceBelief::decide(const Weighing& weighing, bool contradicts, double riva
 
 // What hit the candidate, or its rival, leaves its hypotheses: for the place that it belongs to, as the look has
 // measured it, or for a new one.
-PlaceBelief::Place PlaceBelief::taken_hits(const LookCandidate& candidate, const Weighing& weighing, Hit Seen::*at,
-                                           bool contradicts, const TrackPrediction& track) {
+PlaceBelief::Place PlaceBelief::taken_hits(const LookCandidate& candidate, Weighing& weighing, Hit Seen::*at,
+                                           const TrackPrediction& track) {
+  const bool contradicts = contradicts_track(weighing.track.*at, track);
+  share_with_displaced_map(weighing, at, contradicts);
   const Eigen::Vector2d from_track_m = candidate.position - track.position;
   const double from_track = (weighing.track.*at).weight, from_elsewhere = (weighing.elsewhere.*at).weight;
   std::size_t target = places_.size();

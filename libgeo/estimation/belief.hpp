@@ -234,10 +234,10 @@ class PlaceBelief {
   void bring_places_to(const Eigen::Matrix2d& track_covariance_m2);
   Weighing weigh(const Look& look, const TrackPrediction& track);
   void learn_detection(const Weighing& weighing, double new_ground);
+  bool contradicts_track(const Hit& of_track, const TrackPrediction& track) const;
   void share_with_displaced_map(Weighing& weighing, Hit Seen::*at, bool contradicts);
   void decide(const Weighing& weighing, bool contradicts, double rival_beside, LookResult& result) const;
-  Place taken_hits(const LookCandidate& candidate, const Weighing& weighing, Hit Seen::*at, bool contradicts,
-                   const TrackPrediction& track);
+  Place taken_hits(const LookCandidate& candidate, Weighing& weighing, Hit Seen::*at, const TrackPrediction& track);
   void move_track_to(const Place& place, const Weighing& weighing, const TrackPrediction& track, double new_ground);
   void normalize();
 
