@@ -8,9 +8,11 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <thread>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
@@ -25,6 +27,8 @@ namespace {
 constexpr std::size_t kLongestAuditText = 400;
 constexpr off_t kAuditTail = 1 << 16;
 constexpr std::size_t kMostCallers = 4096;
+// For others' lines, which take microseconds each; and where lines are missing already.
+constexpr std::chrono::milliseconds kLockPatience{1000}, kBriefPatience{20}, kLockPoll{2};
 
 fs::path audit_file(const fs::path& folder, int age) {
   return folder / (age == 0 ? std::string("audit.jsonl") : fmt::format("audit.{}.jsonl", age));
@@ -71,7 +75,22 @@ std::int64_t last_number(std::string_view text) {
 
 class AuditLog::FileLock {
  public:
-  explicit FileLock(int fd) : fd_(fd) { ::flock(fd_, LOCK_EX); }
+  // Throws Error where another process keeps it: one that hangs must not hang this one.
+  FileLock(int fd, std::chrono::milliseconds patience, const fs::path& path) : fd_(fd) {
+    const auto until = std::chrono::steady_clock::now() + patience;
+    while (::flock(fd_, LOCK_EX | LOCK_NB) != 0) {
+      if (errno != EWOULDBLOCK && errno != EINTR) {
+        throw Error({.what = "cannot lock the audit log", .where = path, .found = system_error_text(errno)});
+      }
+      if (std::chrono::steady_clock::now() >= until) {
+        throw Error({.what = "cannot write the audit log",
+                     .where = path,
+                     .found = "another process has had it locked for too long",
+                     .fix = "`fuser -v` names the process: let it go on, or end it"});
+      }
+      std::this_thread::sleep_for(kLockPoll);
+    }
+  }
   ~FileLock() { ::flock(fd_, LOCK_UN); }
   FileLock(const FileLock&) = delete;
   FileLock& operator=(const FileLock&) = delete;
@@ -136,7 +155,7 @@ void AuditLog::read_end() {
 void AuditLog::lock_newest(std::optional<FileLock>& lock) {
   for (;;) {
     if (fd_ < 0) open();
-    lock.emplace(fd_);
+    lock.emplace(fd_, unwritten_ == 0 ? kLockPatience : kBriefPatience, audit_file(folder_, 0));
     struct stat ours {
     }, named{};
     const bool newest = ::fstat(fd_, &ours) == 0 && ::stat(audit_file(folder_, 0).c_str(), &named) == 0 &&

@@ -10,8 +10,9 @@
 // caller cannot drive out what it did before, equal acts of one caller are written so many times a minute; a line then
 // says how many more there were.
 //
-// A disk that is full costs lines, never the service: fault() says so, and once there is room an entry "audit.gap" says
-// how many are missing. For any thread, and for several processes: each line is written under the file's lock.
+// A disk that is full, or a process that hangs with the file's lock, costs lines, never the service: fault() says so,
+// and once there is room an entry "audit.gap" says how many are missing. For any thread, and for several processes:
+// each line is written under the file's lock.
 #pragma once
 
 #include <cstdint>

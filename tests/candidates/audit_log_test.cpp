@@ -1,7 +1,10 @@
 #include "candidates/audit_log.hpp"
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/file.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -190,6 +193,22 @@ TEST_F(AuditLogTest, AGapIsRecordedAsSoonAsThereIsRoom) {
   EXPECT_EQ(broken.fault(), "");
   ASSERT_EQ(lines().size(), 1U);
   EXPECT_EQ(lines()[0]["subject"], "lines 1");
+}
+
+// A worker that was stopped in the middle of a line: its lock is of another open file, as another process's is.
+TEST_F(AuditLogTest, AProcessThatHangsWithTheLockHoldsNobodyUp) {
+  AuditLog waiting = log();
+  waiting.record({.act = "one", .result = "done"});
+  const int other = ::open((folder_ / "audit" / "audit.jsonl").c_str(), O_RDWR | O_CLOEXEC);
+  ASSERT_EQ(::flock(other, LOCK_EX | LOCK_NB), 0);
+  for (const char* act : {"two", "three"}) waiting.record({.act = act, .result = "done"});
+  EXPECT_NE(waiting.fault().find("locked for too long"), std::string::npos) << waiting.fault();
+  ::close(other);
+  waiting.record({.act = "four", .result = "done"});
+  EXPECT_EQ(waiting.fault(), "");
+  ASSERT_EQ(lines().size(), 3U);
+  EXPECT_EQ(lines()[1]["subject"], "lines 2");
+  EXPECT_EQ(lines()[2]["act"], "four");
 }
 
 TEST_F(AuditLogTest, DoesNotFollowASymbolicLink) {
