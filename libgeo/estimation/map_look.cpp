@@ -50,9 +50,13 @@ double unmodelled_variance_m2(double agl_m) {
   return sigma_m * sigma_m;
 }
 
+double wrong_consensus_sigma_px(double share, double ratio) {
+  return share < (ratio < kAlikeRatio ? kMostPatches : kMostPatchesAlike) ? kWrongConsensusSigma_px : 0;
+}
+
 double wrong_consensus_variance_m2(const AnchorMatch& match) {
-  if (match.solved->inliers >= kMostPatches * match.patches) return 0;
-  const double sigma_m = kWrongConsensusSigma_px * match.fine_gsd_m;
+  const double share = match.solved->inliers / static_cast<double>(match.patches);
+  const double sigma_m = wrong_consensus_sigma_px(share, match.search.ratio) * match.fine_gsd_m;
   return sigma_m * sigma_m;
 }
 

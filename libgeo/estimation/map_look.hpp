@@ -29,7 +29,9 @@ double anchor_model_error_factor(bool tilt_missing);
 // Variance of one axis of what no model has (lens, relief, the moment of the telemetry); it grows with height.
 double unmodelled_variance_m2(double agl_m);
 
-// Where most patches matched something else, those that agree may be the wrong ones: variance of one axis.
+// Where too few patches agree, those may be the wrong ones: σ of one axis in pixels of the fine map, or 0. More have to
+// agree where ground resembles itself. share: of patches that agree; ratio: second best score over the best.
+double wrong_consensus_sigma_px(double share, double ratio);
 double wrong_consensus_variance_m2(const AnchorMatch& match);
 
 // ln ρ: how often the second best place of a window is the true one, over how often the best is, of looks whose patches

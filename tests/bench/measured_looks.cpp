@@ -148,12 +148,9 @@ std::vector<MeasuredLook> thinned(const std::vector<MeasuredLook>& looks) {
 double unit_of(const std::string& ground) { return ground.starts_with("naip") ? 2.5 : 1; }
 
 CandidateSigmas sigmas_of(const Look& look) {
-  using namespace parameters::anchor_measurement;
-  CandidateSigmas sigmas{look.camera_sigma_m, 0, std::sqrt(unmodelled_variance_m2(look.agl_m))};
-  if (look.features.inliers < kMostPatches * look.patches) {
-    sigmas.wrong_consensus_m = kWrongConsensusSigma_px * look.fine_gsd_m;
-  }
-  return sigmas;
+  const double share = look.features.inliers / look.patches;
+  return {look.camera_sigma_m, wrong_consensus_sigma_px(share, look.features.ratio) * look.fine_gsd_m,
+          std::sqrt(unmodelled_variance_m2(look.agl_m))};
 }
 
 MeasuredLook measured(const Look& look) {

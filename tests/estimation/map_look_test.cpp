@@ -57,6 +57,24 @@ TEST(MapLook, TheLessItLooksLikeTheFrameTheLessItIsWorth) {
   }
 }
 
+// Rows of fields: patches agree a row beside the place, nearer than a rival may be.
+TEST(MapLook, WhereGroundResemblesItselfMorePatchesHaveToAgree) {
+  const auto added_m2 = [](double ratio, int inliers) {
+    AnchorMatch match = match_of(0.6, 0.6 * ratio);
+    match.solved->inliers = inliers;  // of 90
+    const Look look = look_of(match, context_at({0, 0}));
+    const double others_m2 = anchor_model_error_factor(false) + unmodelled_variance_m2(100);
+    EXPECT_NEAR(look.candidate->covariance_m2(0, 0) - others_m2, wrong_consensus_variance_m2(match), 1e-9);
+    return wrong_consensus_variance_m2(match);
+  };
+  EXPECT_DOUBLE_EQ(added_m2(0.5, 44), 25) << "10 px of 0.5 m";
+  EXPECT_EQ(added_m2(0.5, 45), 0);
+  EXPECT_EQ(added_m2(0.84, 46), 0);
+  EXPECT_DOUBLE_EQ(added_m2(0.86, 46), 25);
+  EXPECT_DOUBLE_EQ(added_m2(1, 71), 25);
+  EXPECT_EQ(added_m2(1, 72), 0);
+}
+
 TEST(MapLook, WithoutASecondPlaceThereIsNone) {
   AnchorMatch match = match_of(0.6, 0.3);
   match.search.places.pop_back();
