@@ -80,7 +80,10 @@ class AuditLog::FileLock {
     const auto until = std::chrono::steady_clock::now() + patience;
     while (::flock(fd_, LOCK_EX | LOCK_NB) != 0) {
       if (errno != EWOULDBLOCK && errno != EINTR) {
-        throw Error({.what = "cannot lock the audit log", .where = path, .found = system_error_text(errno)});
+        throw Error({.what = "cannot lock the audit log",
+                     .where = path,
+                     .found = system_error_text(errno),
+                     .fix = "keep it on a file system that has locks"});
       }
       if (std::chrono::steady_clock::now() >= until) {
         throw Error({.what = "cannot write the audit log",

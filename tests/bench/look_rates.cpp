@@ -159,8 +159,7 @@ std::string rival_table(const Looks& looks) {
   }
   std::string text = fmt::format(
       "| best score elsewhere over the candidate's | right, with Λ above {:g} | wrong | expected | rival right | "
-      "expected "
-      "|\n|---|---|---|---|---|---|\n",
+      "expected |\n|---|---|---|---|---|---|\n",
       kLeast);
   double from = 0;
   for (std::size_t i = 0; i < rows.size(); from = kRatios[i++]) {
