@@ -44,7 +44,6 @@ struct AnchorReport {
   double log_likelihood_ratio = 0;      // true place over chance peak, nats (look_likelihood.hpp)
   double place_doubt = 1;               // weight of all hypotheses that are not at the match (belief.hpp)
   double chi2 = 0;                      // squared Mahalanobis distance to the prediction, 2 degrees of freedom
-  bool corroborated = false;            // a sharp prediction agrees: propagated from an anchor, and within its 95 %
   std::optional<PlanePoint> camera;     // matched camera position in the map's plane (of rejected ones too)
   double heading_rad = 0;               // matched heading of image-up
   double window_radius_m = 0;           // half the side of the searched window

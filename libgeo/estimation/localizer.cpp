@@ -159,7 +159,7 @@ struct Localizer::Impl {
   std::function<bool(const AnchorMatch&, double)> settles(const LookContext& context) const;  // AnchorPrior's
   LostSearch lost_search();
   AnchorMatch match_lost(const cv::Mat& grey, const AnchorPrior& prior, const LostSearch& where) const;
-  PoseMeasurement anchor_measurement(const AnchorJob& job, const AnchorReport& report) const;
+  PoseMeasurement anchor_measurement(const AnchorJob& job) const;
   FramePose anchor_pose(const AnchorJob& job) const;  // with the filter at the job's frame
 
   std::function<double(const PlanePoint&)> detection_odds() const;  // by the matchability map
@@ -667,17 +667,22 @@ void Localizer::Impl::apply_hint() {
 
 // The covariance is larger than the solver's: by what the solver does not model; by what anchors over the same ground
 // share (its slope and roofs, the map's own warps: those within a stretch count as one, however many frames there
-// were); and, where most patches matched something else, by the chance that those which agree are the wrong ones.
-PoseMeasurement Localizer::Impl::anchor_measurement(const AnchorJob& job, const AnchorReport& report) const {
+// were); and, where most patches matched something else, by the chance that those which agree are the wrong ones, as
+// far as the filter's prediction does not say otherwise.
+PoseMeasurement Localizer::Impl::anchor_measurement(const AnchorJob& job) const {
   const SolvedPose& solved = *job.match->solved;
   double shared = 1;
   if (last_anchor) {
     const double stretch_m = kSharedErrorFootprints * job.context.footprint_m;
     shared = std::max(1.0, stretch_m / std::max(1.0, (solved.pose.position - last_anchor->position).norm()));
   }
-  const double wrong_consensus_m2 = report.corroborated ? 0 : wrong_consensus_variance_m2(*job.match);
   PoseMeasurement measurement = pose_measurement(solved, job.reference);
   measurement.covariance *= anchor_model_error_factor(job.context.tilt_missing) * shared;
+  const Eigen::Matrix2d innovation_m2 = filter->position_covariance_m2() +
+                                        measurement.covariance.topLeftCorner<2, 2>() +
+                                        unmodelled_variance_m2(job.context.agl_m) * Eigen::Matrix2d::Identity();
+  const double wrong_consensus_m2 = wrong_consensus_left_m2(wrong_consensus_variance_m2(*job.match), innovation_m2,
+                                                            solved.pose.position - filter->position());
   measurement.covariance.topLeftCorner<2, 2>() += wrong_consensus_m2 * Eigen::Matrix2d::Identity();
   measurement.covariance(2, 2) += kMinHeightSigma * kMinHeightSigma;
   return measurement;
@@ -725,7 +730,7 @@ FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const Anchor
   filter = job.flight;
   if (step.contradicted_anchor_sigma_m) filter->inflate_position(*step.contradicted_anchor_sigma_m);
   if (step.finer_map_sigma_m) filter->inflate_position(*step.finer_map_sigma_m);
-  step.anchor = anchor_measurement(job, report);
+  step.anchor = anchor_measurement(job);
   step.anchor->covariance =
       weighted_by_association(step.anchor->covariance, association_doubt, filter->pose_covariance());
   filter->update_absolute(*step.anchor);

@@ -60,6 +60,20 @@ double wrong_consensus_variance_m2(const AnchorMatch& match) {
   return sigma_m * sigma_m;
 }
 
+double wrong_consensus_left_m2(double variance_m2, const Eigen::Matrix2d& innovation_m2,
+                               const Eigen::Vector2d& innovation_m) {
+  if (variance_m2 == 0) return 0;
+  const double wrong_m2 = variance_m2 / kWrongConsensusChance;
+  const Eigen::Matrix2d wrong_innovation_m2 = innovation_m2 + wrong_m2 * Eigen::Matrix2d::Identity();
+  const auto minus_twice_ln_density = [&](const Eigen::Matrix2d& covariance_m2) {
+    return std::log(covariance_m2.determinant()) + innovation_m.dot(covariance_m2.inverse() * innovation_m);
+  };
+  const double right_over_wrong =
+      (1 - kWrongConsensusChance) / kWrongConsensusChance *
+      std::exp((minus_twice_ln_density(wrong_innovation_m2) - minus_twice_ln_density(innovation_m2)) / 2);
+  return wrong_m2 / (1 + right_over_wrong);
+}
+
 Look look_of(const AnchorMatch& match, const LookContext& context) {
   Look look{context.window, std::nullopt, context.new_ground, context.continues_track};
   if (!match.on_map || !match.solved) return look;
@@ -96,9 +110,6 @@ AnchorReport anchor_report(const AnchorMatch& match, const LookContext& context,
   report.log_likelihood_ratio = look.candidate->log_likelihood_ratio;
   report.place_doubt = result.place_doubt;
   report.chi2 = result.chi2;
-  const double sigma_m = std::sqrt(context.track.covariance_m2.trace() / 2);
-  report.corroborated =
-      context.anchored && sigma_m <= parameters::belief::kSharp_m && result.chi2 <= parameters::belief::kChi2_95;
   return report;
 }
 

@@ -34,6 +34,14 @@ double unmodelled_variance_m2(double agl_m);
 double wrong_consensus_sigma_px(double share, double ratio);
 double wrong_consensus_variance_m2(const AnchorMatch& match);
 
+// What is left of that variance where a prediction has its say. That the patches are the wrong ones has the chance
+// kWrongConsensusChance, and then the pose is off by a Gaussian of so much more variance; how well either explains the
+// distance to the prediction decides between the two (Bayes). A prediction tells them apart as far as it is sharper
+// than a wrong consensus is wide: a vague one leaves all of the variance.
+//   innovation_m2: predicted and measured covariance together, if the patches are the right ones
+double wrong_consensus_left_m2(double variance_m2, const Eigen::Matrix2d& innovation_m2,
+                               const Eigen::Vector2d& innovation_m);
+
 // ln ρ: how often the second best place of a window is the true one, over how often the best is, of looks whose patches
 // agree at the best. The more alike the two are, the more often. ratio: second best score over the best.
 double rival_log_odds(double ratio);

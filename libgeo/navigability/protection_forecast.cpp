@@ -205,15 +205,16 @@ class DrawnFlight {
     const LookResult result = belief_.update(seen, {track, before_m2, unbroken_});
     window_.record_attempt(result.accepted ? AnchorVerdict::accepted : AnchorVerdict::few_inliers);
     if (!result.accepted) return;
-    const bool corroborated = anchored_ && unbroken_ &&
-                              filter_.variance_m2() <= squared(parameters::belief::kSharp_m) &&
-                              result.chi2 <= parameters::belief::kChi2_95;
     const Eigen::Vector2d measured_m = drawn->candidate.position - frame.place;
     if (result.contradicted) filter_.inflate((drawn->candidate.position - track).squaredNorm());
     const double shared =
         anchored_ ? std::max(1.0, look::kSharedErrorFootprints * frame.footprint_m / std::max(1.0, since_anchor_m_))
                   : 1;
-    const double variance_m2 = drawn->solved_variance_m2 * shared + (corroborated ? 0 : drawn->wrong_consensus_m2);
+    double variance_m2 = drawn->solved_variance_m2 * shared;
+    const Eigen::Matrix2d innovation_m2 =
+        filter_.position_covariance_m2() +
+        (variance_m2 + unmodelled_variance_m2(frame.agl_m)) * Eigen::Matrix2d::Identity();
+    variance_m2 += wrong_consensus_left_m2(drawn->wrong_consensus_m2, innovation_m2, measured_m - filter_.error_m());
     const Eigen::Vector2d by_m = filter_.update(measured_m, variance_m2, result.association_doubt);
     belief_.on_anchor(by_m, before_m2, filter_.position_covariance_m2());
     anchored_ = unbroken_ = true;

@@ -9,6 +9,7 @@
 
 #include "base/error.hpp"
 #include "estimation/look_likelihood.hpp"
+#include "estimation/map_look.hpp"
 #include "estimation/pose_measurements.hpp"
 #include "estimation/tracking_state.hpp"
 #include "vision/localizer_parameters.hpp"
@@ -167,12 +168,13 @@ void correct(FaultFlight::State& s, const LookCandidate& candidate, const Candid
              const LookResult& look) {
   const Eigen::Matrix2d before_m2 = s.covariance_m2();
   const Eigen::Vector2d off = candidate.position.vector() - s.error_m();
-  const bool corroborated = s.anchored && one_axis_sigma_m(before_m2) <= kSharp_m && look.chi2 <= kChi2_95;
   const double shared =
       s.anchored ? std::max(1.0, kSharedErrorFootprints * kFootprint_m / std::max(1.0, s.since_anchor_m)) : 1;
   if (look.contradicted) s.covariance.topLeftCorner<2, 2>() += off.squaredNorm() * Eigen::Matrix2d::Identity();
-  const double variance_m2 = sigmas.solved_m * sigmas.solved_m * shared +
-                             (corroborated ? 0 : sigmas.wrong_consensus_m * sigmas.wrong_consensus_m);
+  double variance_m2 = sigmas.solved_m * sigmas.solved_m * shared;
+  const Eigen::Matrix2d innovation_m2 =
+      s.covariance_m2() + (variance_m2 + unmodelled_variance_m2(kFlightAgl_m)) * Eigen::Matrix2d::Identity();
+  variance_m2 += wrong_consensus_left_m2(sigmas.wrong_consensus_m * sigmas.wrong_consensus_m, innovation_m2, off);
   const Eigen::Matrix2d measured_m2 = variance_m2 * Eigen::Matrix2d::Identity();
   const Eigen::Matrix<double, 4, 2> gain =
       s.covariance.leftCols<2>() *

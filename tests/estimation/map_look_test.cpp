@@ -3,6 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <cmath>
+
+#include "base/random.hpp"
 #include "estimation/look_likelihood.hpp"
 #include "vision/localizer_parameters.hpp"
 
@@ -73,6 +77,43 @@ TEST(MapLook, WhereGroundResemblesItselfMorePatchesHaveToAgree) {
   EXPECT_DOUBLE_EQ(added_m2(0.86, 46), 25);
   EXPECT_DOUBLE_EQ(added_m2(1, 71), 25);
   EXPECT_EQ(added_m2(1, 72), 0);
+}
+
+// A prediction tells a wrong consensus by where it is, as far as it is sharper than that is wide.
+TEST(MapLook, ASharpPredictionSaysWhetherThePatchesAreTheWrongOnes) {
+  constexpr double kVariance_m2 = 25, kWidest_m2 = kVariance_m2 / kWrongConsensusChance;
+  const auto left_m2 = [](double sigma_m, double off_m) {
+    return wrong_consensus_left_m2(kVariance_m2, sigma_m * sigma_m * Eigen::Matrix2d::Identity(), {0, off_m});
+  };
+  EXPECT_NEAR(left_m2(1000, 10), kVariance_m2, 0.01) << "a vague one says nothing";
+  EXPECT_LT(left_m2(2, 0), 1);
+  EXPECT_NEAR(left_m2(2, 13), kWidest_m2, 1) << "a row beside the place";
+  EXPECT_GT(left_m2(8, 13), kVariance_m2 / 2) << "8 m confirm no place 13 m off";
+  EXPECT_EQ(left_m2(1, 1e6), kWidest_m2) << "no overflow";
+  for (double sigma_m = 1; sigma_m < 20; ++sigma_m) {
+    EXPECT_LT(left_m2(sigma_m, 0), left_m2(sigma_m + 1, 0)) << "the vaguer it is the less it says";
+  }
+  EXPECT_EQ(wrong_consensus_left_m2(0, Eigen::Matrix2d::Identity(), {0, 30}), 0) << "most patches agree";
+}
+
+// Of drawn places, some of them wrong, the mean variance of those that lie as far from the prediction.
+TEST(MapLook, WhatIsLeftOfAWrongConsensusIsItsMeanVariance) {
+  Random random(1);
+  constexpr double kVariance_m2 = 36, kSigma_m = 7, kWidest_m2 = kVariance_m2 / kWrongConsensusChance;
+  std::array<double, 5> drawn{}, sum_m2{}, left_m2{};
+  for (int i = 0; i < 400'000; ++i) {
+    const double wrong_m2 = random.chance(kWrongConsensusChance) ? kWidest_m2 : 0;
+    const double sigma_m = std::sqrt(kSigma_m * kSigma_m + wrong_m2);
+    const Eigen::Vector2d off_m(random.normal(0, sigma_m), random.normal(0, sigma_m));
+    const auto band = static_cast<std::size_t>(off_m.norm() / 6);
+    if (band >= drawn.size()) continue;
+    ++drawn[band];
+    sum_m2[band] += wrong_m2;
+    left_m2[band] += wrong_consensus_left_m2(kVariance_m2, kSigma_m * kSigma_m * Eigen::Matrix2d::Identity(), off_m);
+  }
+  for (std::size_t band = 0; band < drawn.size(); ++band) {
+    EXPECT_NEAR(left_m2[band] / drawn[band], sum_m2[band] / drawn[band], kWidest_m2 * 2 / std::sqrt(drawn[band]));
+  }
 }
 
 TEST(MapLook, WithoutASecondPlaceThereIsNone) {
