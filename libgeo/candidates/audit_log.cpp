@@ -2,7 +2,6 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -12,11 +11,11 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <thread>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/json.hpp"
+#include "candidates/file_lock.hpp"
 
 namespace nadir {
 
@@ -28,7 +27,7 @@ constexpr std::size_t kLongestAuditText = 400;
 constexpr off_t kAuditTail = 1 << 16;
 constexpr std::size_t kMostCallers = 4096;
 // For others' lines, which take microseconds each; and where lines are missing already.
-constexpr std::chrono::milliseconds kLockPatience{1000}, kBriefPatience{20}, kLockPoll{2};
+constexpr std::chrono::milliseconds kLockPatience{1000}, kBriefPatience{20};
 
 fs::path audit_file(const fs::path& folder, int age) {
   return folder / (age == 0 ? std::string("audit.jsonl") : fmt::format("audit.{}.jsonl", age));
@@ -72,35 +71,6 @@ std::int64_t last_number(std::string_view text) {
 }
 
 }  // namespace
-
-class AuditLog::FileLock {
- public:
-  // Throws Error where another process keeps it: one that hangs must not hang this one.
-  FileLock(int fd, std::chrono::milliseconds patience, const fs::path& path) : fd_(fd) {
-    const auto until = std::chrono::steady_clock::now() + patience;
-    while (::flock(fd_, LOCK_EX | LOCK_NB) != 0) {
-      if (errno != EWOULDBLOCK && errno != EINTR) {
-        throw Error({.what = "cannot lock the audit log",
-                     .where = path,
-                     .found = system_error_text(errno),
-                     .fix = "keep it on a file system that has locks"});
-      }
-      if (std::chrono::steady_clock::now() >= until) {
-        throw Error({.what = "cannot write the audit log",
-                     .where = path,
-                     .found = "another process has had it locked for too long",
-                     .fix = "`fuser -v` names the process: let it go on, or end it"});
-      }
-      std::this_thread::sleep_for(kLockPoll);
-    }
-  }
-  ~FileLock() { ::flock(fd_, LOCK_UN); }
-  FileLock(const FileLock&) = delete;
-  FileLock& operator=(const FileLock&) = delete;
-
- private:
-  int fd_;
-};
 
 AuditLog::AuditLog(fs::path folder, const Clock& clock, AuditLimits limits)
     : folder_(std::move(folder)), clock_(clock), limits_(limits) {
@@ -158,7 +128,7 @@ void AuditLog::read_end() {
 void AuditLog::lock_newest(std::optional<FileLock>& lock) {
   for (;;) {
     if (fd_ < 0) open();
-    lock.emplace(fd_, unwritten_ == 0 ? kLockPatience : kBriefPatience, audit_file(folder_, 0));
+    lock.emplace(fd_, unwritten_ == 0 ? kLockPatience : kBriefPatience, "the audit log", audit_file(folder_, 0));
     struct stat ours {
     }, named{};
     const bool newest = ::fstat(fd_, &ours) == 0 && ::stat(audit_file(folder_, 0).c_str(), &named) == 0 &&

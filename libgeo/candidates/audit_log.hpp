@@ -26,6 +26,8 @@
 
 namespace nadir {
 
+class FileLock;
+
 struct AuditEntry {
   std::string act;        // "batch.announce"
   std::string result;     // "opened", "refused"
@@ -63,7 +65,6 @@ class AuditLog {
   void open();
   void read_end();
   void rotate();
-  class FileLock;
   void lock_newest(std::optional<FileLock>& lock);
   void write(const AuditEntry& entry, std::int64_t more);
   bool close_gap();

@@ -5,6 +5,7 @@ usage: candidates_test.py NADIR NADIR_CANDIDATES MAKE_FLIGHTS [postgis]
 With postgis everything goes into a real server, which this test starts; exit code 77 where there is none.
 """
 import base64
+import fcntl
 import hashlib
 import http.client
 import json
@@ -189,6 +190,12 @@ class Candidates(unittest.TestCase):
         self.assertEqual(2, self.run_program("token", "create", "--tokens", tokens, "--id", "station", "--out",
                                              self.folder / "again.token").returncode, "an id twice")
         self.assertFalse((self.folder / "again.token").exists())
+        hangs = os.open(self.folder, os.O_RDONLY)  # as another command that changes the file
+        fcntl.flock(hangs, fcntl.LOCK_EX)
+        result = self.run_program("token", "revoke", "--tokens", tokens, "--id", "station")
+        os.close(hangs)
+        self.assertEqual(1, result.returncode, result.stderr)
+        self.assertIn("another process has had it locked for too long", result.stderr)
         self.service.options = (*self.service.options, "--tokens", tokens)
         self.service.start()
         flight, outbox = flights_in(self.made)[0], self.folder / "outbox"

@@ -2,18 +2,21 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <sys/file.h>
 #include <sys/random.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/input_file.hpp"
 #include "base/printable.hpp"
+#include "candidates/file_lock.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "nadir_candidates/access_tokens.hpp"
@@ -27,6 +30,7 @@ namespace fs = std::filesystem;
 constexpr int kDefaultTokenDays = 90;
 constexpr int kMostTokenDays = 730;
 constexpr std::int64_t kTokenDay_s = 86'400;
+constexpr std::chrono::seconds kTokenLockPatience{3};  // another command takes milliseconds
 
 // The file of tokens while it is changed: one process at a time, or the change of one of them would be lost.
 class TokenFile {
@@ -34,26 +38,17 @@ class TokenFile {
   enum class Missing { refused, empty };
   TokenFile(fs::path path, Missing missing) : path_(std::move(path)) {
     const fs::path folder = path_.has_parent_path() ? path_.parent_path() : fs::path(".");
-    lock_ = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (lock_ < 0 || ::flock(lock_, LOCK_EX) != 0) {
-      const int error = errno;
-      if (lock_ >= 0) ::close(lock_);
+    folder_ = FileDescriptor(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+    if (!folder_) {
       throw Error({.what = "cannot use the folder of the token file",
                    .where = folder,
-                   .found = system_error_text(error),
+                   .found = system_error_text(errno),
                    .fix = "create the folder, or check its owner"});
     }
+    lock_.emplace(folder_.get(), kTokenLockPatience, "the folder of the token file", folder);
     if (missing == Missing::empty && !fs::exists(fs::symlink_status(path_))) return;
-    try {
-      tokens = parse_tokens(read_text_file(path_, kMaxTokenFile), path_.string());
-    } catch (...) {
-      ::close(lock_);
-      throw;
-    }
+    tokens = parse_tokens(read_text_file(path_, kMaxTokenFile), path_.string());
   }
-  ~TokenFile() { ::close(lock_); }
-  TokenFile(const TokenFile&) = delete;
-  TokenFile& operator=(const TokenFile&) = delete;
 
   void write() const {
     const std::string text = tokens_json(tokens);
@@ -65,7 +60,8 @@ class TokenFile {
 
  private:
   fs::path path_;
-  int lock_ = -1;
+  FileDescriptor folder_;
+  std::optional<FileLock> lock_;  // before folder_ is closed
 };
 
 // 192 bits of the operating system's randomness.
