@@ -26,15 +26,14 @@ AnchorVerdict verdict_of(const AnchorMatch& match, const LookContext& context, c
 }
 
 // Of a match with a candidate. What another matcher says of the best place, it does not say of the second.
-std::optional<LookCandidate> rival_of(const AnchorMatch& match, const LookContext& context,
-                                      const LookCandidate& candidate) {
+std::optional<LookCandidate> rival_of(const AnchorMatch& match, const LookCandidate& candidate,
+                                      double log_likelihood_ratio) {
   const std::vector<MatchHypothesis>& places = match.search.places;
   if (places.size() < 2) return std::nullopt;
   const double searched_m = kRivalSigma_px * match.coarse_gsd_m;
-  const LookFeatures features = features_of(match, context.prior, context.window.area_m2());
   return LookCandidate{
       places[1].pose.position, candidate.covariance_m2 + searched_m * searched_m * Eigen::Matrix2d::Identity(),
-      std::min(candidate.log_likelihood_ratio, log_likelihood_ratio(features)) + rival_log_odds(features.ratio)};
+      std::min(candidate.log_likelihood_ratio, log_likelihood_ratio) + rival_log_odds(match.search.ratio)};
 }
 
 }  // namespace
@@ -85,8 +84,9 @@ Look look_of(const AnchorMatch& match, const LookContext& context) {
   candidate.covariance_m2 =
       anchor_model_error_factor(context.tilt_missing) * match.solved->covariance.topLeftCorner<2, 2>() +
       variance_m2 * Eigen::Matrix2d::Identity();
-  candidate.log_likelihood_ratio = log_likelihood_ratio(match, context.prior, context.window.area_m2());
-  look.rival = rival_of(match, context, candidate);
+  const double ratio = log_likelihood_ratio(features_of(match, context.prior, context.window.area_m2()));
+  candidate.log_likelihood_ratio = match.judged_log_likelihood_ratio.value_or(ratio);
+  look.rival = rival_of(match, candidate, ratio);
   return look;
 }
 

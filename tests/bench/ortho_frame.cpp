@@ -1,6 +1,4 @@
 // One frame with a given pose as map tiles, and the CPU time of each step: Nadir's side of ortho.py.
-#include <ctime>
-
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <iostream>
@@ -8,6 +6,7 @@
 #include <opencv2/core/utility.hpp>
 
 #include "base/files.hpp"
+#include "cpu_time.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
@@ -15,16 +14,7 @@
 #include "vision/camera.hpp"
 
 using namespace nadir;
-
-namespace {
-
-double cpu_ms() {
-  timespec now{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
-}
-
-}  // namespace
+using bench::cpu_ms;
 
 int main(int argc, char** argv) {
   CLI::App app("Orthorectifies one frame over flat ground.", "ortho_frame");
