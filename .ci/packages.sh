@@ -63,7 +63,7 @@ packages_test=(
   gstreamer1.0-plugins-base  # the test camera of the GStreamer plug-in
   libgstreamer1.0-dev        # that plug-in, which is built where this is installed
   libsqlite3-mod-spatialite  # sqlite3 judges the catalogue's geometries
-  chromium                   # the pages in a real browser
+  chromium-headless-shell    # the pages in a real browser, without the windows that people have around them
   postgresql-15              # a real server, which the tests of the catalogue start and stop
   postgresql-15-postgis-3    # its geometries
   age                        # encrypts packages, as docs/secrecy.md says

@@ -1,4 +1,4 @@
-"""A headless chromium over its debugging pipe: no port, no web socket, no package beyond the standard library."""
+"""A headless Chromium over its debugging pipe: no port, no web socket, no package beyond the standard library."""
 import atexit
 import base64
 import importlib.util
@@ -15,7 +15,9 @@ PATIENCE_S = 90  # a loaded machine starts a browser slowly; every wait ends as 
 
 
 def find_chromium():
-    return next((path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None)
+    """The one without a browser's own windows where there is one: it renders the same pages for half of the CPU time."""
+    names = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
+    return next((path for name in names if (path := shutil.which(name))), None)
 
 
 def find_axe():

@@ -237,6 +237,6 @@ class Page(unittest.TestCase):
 
 if __name__ == "__main__":
     if not find_chromium():
-        print("SKIPPED: no chromium here; `apt-get install chromium` tests the page", file=sys.stderr)
+        print("SKIPPED: no chromium here; `apt-get install chromium-headless-shell` tests the page", file=sys.stderr)
         sys.exit(77)
     unittest.main(argv=[sys.argv[0]], verbosity=2)
