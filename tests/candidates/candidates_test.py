@@ -194,7 +194,7 @@ class Candidates(unittest.TestCase):
         fcntl.flock(hangs, fcntl.LOCK_EX)
         result = self.run_program("token", "revoke", "--tokens", tokens, "--id", "station")
         os.close(hangs)
-        self.assertEqual(1, result.returncode, result.stderr)
+        self.assertEqual(2, result.returncode, result.stderr)
         self.assertIn("another process has had it locked for too long", result.stderr)
         self.service.options = (*self.service.options, "--tokens", tokens)
         self.service.start()

@@ -234,9 +234,9 @@ TEST(MisleadingFlights, StayWithinTheirBounds) {
     const char* fault;
     double misleading, hazardous;
   };
-  static constexpr std::array kBounds = {Bound{"none", 1e-3, 1e-5},      Bound{"none_in_flight", 2e-3, 1e-5},
-                                         Bound{"odometry", 1e-3, 1e-4},  Bound{"foreign_frames", 3e-2, 5e-3},
-                                         Bound{"start_500", 0.03, 5e-3}, Bound{"other_map", 1e-4, 1e-4}};
+  static constexpr std::array kBounds = {Bound{"none", 1e-3, 1e-5}, Bound{"none_in_flight", 2e-3, 1e-5},
+                                         Bound{"odometry", 1e-3, 1e-4}, Bound{"start_500", 0.03, 5e-3},
+                                         Bound{"other_map", 1e-4, 1e-4}};
   for (const Bound& bound : kBounds) {
     SplittingRun run;
     run.seed = kJudgeSeed + 7;
@@ -256,6 +256,16 @@ TEST(MisleadingFlights, StayWithinTheirBounds) {
       EXPECT_GT(static_cast<double>(usable) / static_cast<double>(looks_seen), 0.8);
     }
   }
+}
+
+// Few repetitions of splitting carry most of what these mislead (0.1 to 5 %); counted, 6 to 7 in 1000 do.
+TEST(MisleadingFlights, ForeignFramesMisleadFew) {
+  const FaultFlight flight(stored_looks(), repeats(), fault_kind("foreign_frames"), {}, FaultFlight::misleading);
+  const FlightCounts counted = count_flights(flight, 4000, 0);
+  EXPECT_GT(counted.misleading, 5);
+  EXPECT_LT(counted.misleading, 60);
+  EXPECT_LT(counted.hazardous, 10);
+  EXPECT_GT(counted.usable, 0.9 * static_cast<double>(counted.looks));
 }
 
 // A minute after a wrong anchor: 16 in 1000 were hazardous, and 150 misled, when a correction by what had contradicted
