@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
+#include "base/quantile.hpp"
 #include "base/random.hpp"
 #include "estimation/look_likelihood.hpp"
 #include "geodesy/angles.hpp"

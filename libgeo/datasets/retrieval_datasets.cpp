@@ -10,6 +10,7 @@
 
 #include "base/csv.hpp"
 #include "base/error.hpp"
+#include "base/quantile.hpp"
 #include "datasets/place_gallery.hpp"
 #include "geodesy/local_frame.hpp"
 #include "imagery/frame_image.hpp"

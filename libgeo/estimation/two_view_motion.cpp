@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/quantile.hpp"
 #include "vision/localizer_parameters.hpp"
 #include "vision/robust_gauss_newton.hpp"
 
@@ -119,12 +120,6 @@ double turn_beyond(const TwoViewPrior& prior, const std::vector<RayPair>& pairs)
     across += b.x() * a.y() - b.y() * a.x();
   }
   return -std::atan2(across, along);
-}
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 Eigen::Vector2d median_separation(const TwoViewPrior& prior, const Unknowns& u, const std::vector<RayPair>& pairs) {

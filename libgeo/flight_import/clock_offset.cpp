@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/quantile.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/hypotenuse.hpp"
 
@@ -126,10 +127,7 @@ ClockOffsetResult offset_from_triggers(const std::vector<double>& times_s, doubl
   if (times_s.size() == triggers.size()) {  // one for one, if their times agree
     std::vector<double> differences_s;
     for (std::size_t i = 0; i < times_s.size(); ++i) differences_s.push_back(triggers[i].time_s - times_s[i]);
-    std::nth_element(differences_s.begin(),
-                     differences_s.begin() + static_cast<std::ptrdiff_t>(differences_s.size() / 2),
-                     differences_s.end());
-    TriggerMatching whole = refined_matching(times_s, triggers, differences_s[differences_s.size() / 2], tolerance_s);
+    TriggerMatching whole = refined_matching(times_s, triggers, median(std::move(differences_s)), tolerance_s);
     if (whole.matched == times_s.size()) {
       return {offset_of(whole, times_s.size(), step_s), {}};
     }

@@ -6,6 +6,7 @@
 #include <limits>
 #include <utility>
 
+#include "base/quantile.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir {
@@ -186,9 +187,7 @@ void LogBuilder::utc(double time_s, double unix_s) {
 
 FlightLog LogBuilder::finish() {
   if (!unix_from_log_s_.empty()) {
-    const auto middle = unix_from_log_s_.begin() + static_cast<std::ptrdiff_t>(unix_from_log_s_.size() / 2);
-    std::nth_element(unix_from_log_s_.begin(), middle, unix_from_log_s_.end());
-    log_.unix_from_log_s = *middle;
+    log_.unix_from_log_s = median(std::move(unix_from_log_s_));
     if (log_.utc_from.empty()) log_.utc_from = "GPS";
   }
   if (log_.triggers.empty()) log_.triggers = std::move(commanded_);

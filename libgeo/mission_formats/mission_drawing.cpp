@@ -7,6 +7,7 @@
 
 #include "base/plural.hpp"
 #include "base/printable.hpp"
+#include "base/quantile.hpp"
 #include "package/mission_yaml.hpp"
 
 namespace nadir {
@@ -149,8 +150,7 @@ std::optional<double> typical_agl_m(const Mission& mission) {
     if (agl_m >= 10 && agl_m <= 10'000) heights.push_back(agl_m);  // without take-off and landing
   }
   if (heights.empty()) return std::nullopt;
-  std::nth_element(heights.begin(), heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2), heights.end());
-  return heights[heights.size() / 2];
+  return median(std::move(heights));
 }
 
 void take_areas(const MissionDrawing& drawing, const MissionImportOptions& options, Mission& mission) {

@@ -7,6 +7,7 @@
 #include <memory>
 #include <opencv2/core.hpp>
 
+#include "base/quantile.hpp"
 #include "imagery/map_window.hpp"
 #include "navigability/navigability_parameters.hpp"
 #include "vision/localizer_parameters.hpp"
@@ -108,9 +109,7 @@ double typical_texture(const TileSource& tiles, const LocalFrame& frame, const C
     textures.push_back(MatchabilityProbe::texture_of(window.image, window.mask));
   }
   if (textures.empty()) return 0;
-  const auto median = textures.begin() + static_cast<std::ptrdiff_t>(textures.size() / 2);
-  std::nth_element(textures.begin(), median, textures.end());
-  return *median;
+  return median(std::move(textures));
 }
 
 }  // namespace nadir

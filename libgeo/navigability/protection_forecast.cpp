@@ -10,6 +10,7 @@
 
 #include "base/normal_distribution.hpp"
 #include "base/ordered_work.hpp"
+#include "base/quantile.hpp"
 #include "base/random.hpp"
 #include "estimation/belief.hpp"
 #include "estimation/flight_process_model.hpp"
@@ -231,14 +232,6 @@ class DrawnFlight {
   bool first_ = true, anchored_ = false, unbroken_ = true, lost_ = false;
   bool linked_ = true, broken_ = false;  // this frame to the last one
 };
-
-// In place. Infinite where too many are.
-float quantile(std::vector<float>& values, double share) {
-  const auto at =
-      values.begin() + static_cast<std::ptrdiff_t>(std::ceil(share * static_cast<double>(values.size()))) - 1;
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
 
 }  // namespace
 

@@ -6,6 +6,8 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "base/quantile.hpp"
+
 namespace nadir {
 namespace {
 
@@ -86,9 +88,7 @@ std::optional<double> blur_of(const cv::Mat& grey) {
   std::optional<double> worst;
   for (std::vector<float>& ratios : all) {
     if (ratios.size() < kMinEdges) continue;
-    const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
-    std::nth_element(ratios.begin(), middle, ratios.end());
-    worst = std::max(worst.value_or(0), blur_from(*middle));
+    worst = std::max(worst.value_or(0), blur_from(median(std::move(ratios))));
   }
   return worst;
 }

@@ -10,6 +10,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/quantile.hpp"
 #include "vision/correlation.hpp"
 
 namespace nadir {
@@ -62,13 +63,6 @@ double weighted_median(std::span<std::pair<double, double>> values) {
     if (2 * sum >= whole) return value;
   }
   return 0;
-}
-
-double median(std::vector<double>& values) {
-  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 // Each frame and the nearest in each direction that sees the ground from another side: those whose parts of an

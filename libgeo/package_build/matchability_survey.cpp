@@ -17,6 +17,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/quantile.hpp"
 #include "imagery/map_window.hpp"
 #include "raster/gdal_dataset.hpp"
 #include "raster/gdal_drivers.hpp"
@@ -126,9 +127,7 @@ MatchabilityOptions with_typical_texture(const TileSource& tiles, const LocalFra
     textures.push_back(MatchabilityProbe::texture_of(window.image, window.mask));
   }
   if (textures.empty()) return options;
-  const auto median = textures.begin() + static_cast<std::ptrdiff_t>(textures.size() / 2);
-  std::nth_element(textures.begin(), median, textures.end());
-  options.typical_texture = *median;
+  options.typical_texture = median(std::move(textures));
   return options;
 }
 

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/quantile.hpp"
 #include "estimation/odometry_features.hpp"
 #include "estimation/visual_odometry.hpp"
 #include "vision/camera_frame.hpp"
@@ -255,10 +256,9 @@ std::optional<GyroDelay> solve_gyro_delay(const std::vector<ImageTurn>& all_turn
   Eigen::Matrix<double, kTurnUnknowns, kTurnUnknowns, Eigen::RowMajor> of_unknowns;
   covariance.GetCovarianceBlock(x.data(), x.data(), of_unknowns.data());
   // What the images' own covariances do not know (lens, shutter) shows in how far the pairs scatter.
-  const auto middle = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
-  std::nth_element(squares.begin(), middle, squares.end());
   constexpr double kMedianChi2 = 2.37;  // of three degrees of freedom
-  result.sigma_s = std::sqrt(of_unknowns(turn_delay, turn_delay) * std::max(1.0, *middle / kMedianChi2));
+  const double excess = std::max(1.0, median(std::move(squares)) / kMedianChi2);
+  result.sigma_s = std::sqrt(of_unknowns(turn_delay, turn_delay) * excess);
   return result;
 }
 

@@ -9,6 +9,7 @@
 
 #include "base/csv.hpp"
 #include "base/error.hpp"
+#include "base/quantile.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir {
@@ -22,9 +23,7 @@ std::optional<double> median_step_s(std::span<const InertialSample> samples) {
   std::vector<double> steps_s;
   for (std::size_t i = 1; i < samples.size(); ++i) steps_s.push_back(samples[i].time_s - samples[i - 1].time_s);
   if (steps_s.empty()) return std::nullopt;
-  const auto middle = steps_s.begin() + static_cast<std::ptrdiff_t>(steps_s.size() / 2);
-  std::ranges::nth_element(steps_s, middle);
-  return *middle;
+  return median(std::move(steps_s));
 }
 
 void check_rate(const CsvTable& table, const std::vector<InertialSample>& samples) {

@@ -11,6 +11,7 @@
 
 #include "base/csv.hpp"
 #include "base/error.hpp"
+#include "base/quantile.hpp"
 #include "geodesy/hypotenuse.hpp"
 
 namespace nadir {
@@ -111,13 +112,6 @@ ErrorFigures figures(const std::vector<Estimate>& estimates, const Truth& truth,
 }
 
 }  // namespace
-
-double quantile(std::vector<double> values, double wanted_share) {
-  if (values.empty()) return 0;
-  std::sort(values.begin(), values.end());
-  const auto rank = static_cast<std::size_t>(std::ceil(wanted_share * static_cast<double>(values.size())));
-  return values[std::clamp<std::size_t>(rank, 1, values.size()) - 1];
-}
 
 std::vector<std::optional<double>> errors_m(const std::vector<Estimate>& estimates, const Truth& truth,
                                             const LocalFrame& frame) {

@@ -75,9 +75,6 @@ std::vector<std::optional<double>> errors_m(const std::vector<Estimate>& estimat
 
 Score score(const std::vector<Estimate>& estimates, const Truth& truth, const LocalFrame& frame);
 
-// The smallest value that at least `share` of the values do not exceed (nearest rank). 0 for none.
-double quantile(std::vector<double> values, double share);
-
 // For summary.json, and for the table on the terminal and in the report.
 struct Summary {
   Score streamed;

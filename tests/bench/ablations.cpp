@@ -9,6 +9,7 @@
 
 #include "ablation_flight.hpp"
 #include "base/platform.hpp"
+#include "base/quantile.hpp"
 #include "estimation/terrain_surface.hpp"
 #include "flow_odometry.hpp"
 #include "package/open_package.hpp"

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "base/files.hpp"
+#include "base/quantile.hpp"
 #include "base/random.hpp"
 #include "cpu_time.hpp"
 #include "flight_adjustment/flight_adjustment.hpp"

@@ -9,6 +9,7 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "base/quantile.hpp"
 #include "cpu_time.hpp"
 #include "estimation/odometry_features.hpp"
 #include "geodesy/angles.hpp"
@@ -41,12 +42,6 @@ struct Tally {
     return 100.0 * static_cast<double>(beyond) / std::max(1, steps());
   }
 };
-
-double quantile(std::vector<double> values, double share) {
-  if (values.empty()) return 0;
-  std::sort(values.begin(), values.end());
-  return values[std::min(values.size() - 1, static_cast<std::size_t>(share * static_cast<double>(values.size())))];
-}
 
 void print(const char* name, const Tally& t) {
   std::cout << fmt::format(

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "base/platform.hpp"
+#include "base/quantile.hpp"
 #include "base/random.hpp"
 #include "geodesy/angles.hpp"
 #include "gps_ratio.hpp"
@@ -195,12 +196,6 @@ std::vector<Look> looks_of(Statistic statistic, const Track& track, const Receiv
         if (fix.time_s >= kSettled_s) looks.push_back({fix.since_s, value});
       });
   return looks;
-}
-
-double quantile(std::vector<double> values, double share) {
-  if (values.empty()) return NAN;
-  std::ranges::sort(values);
-  return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
 }
 
 std::string honest_row(const std::string& flights, const ReceiverModel& model, const std::vector<Outcome>& outcomes) {

@@ -22,6 +22,7 @@
 
 #include "base/files.hpp"
 #include "base/input_file.hpp"
+#include "base/quantile.hpp"
 #include "base/random.hpp"
 #include "flights/flight_engine.hpp"
 #include "flights/flight_store.hpp"
@@ -97,11 +98,6 @@ double peak_mb() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return static_cast<double>(usage.ru_maxrss) / 1024;
-}
-
-double quantile(std::vector<double> values, double share) {
-  std::sort(values.begin(), values.end());
-  return values.at(static_cast<std::size_t>(share * static_cast<double>(values.size() - 1)));
 }
 
 // With what is not yet moved from its log.

@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 #include <set>
 
+#include "base/quantile.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "ortho/orthorectifier.hpp"

@@ -24,13 +24,6 @@ Estimate estimate_at(double east_m, double north_m, double sigma_m = 5) {
   return estimate;
 }
 
-TEST(Score, QuantilesAreNearestRanks) {
-  EXPECT_EQ(quantile({5, 1, 3, 2, 4}, 0.5), 3);
-  EXPECT_EQ(quantile({1, 2, 3, 4}, 0.5), 2);
-  EXPECT_EQ(quantile({1, 2, 3, 4}, 1), 4);
-  EXPECT_EQ(quantile({}, 0.5), 0);
-}
-
 TEST(Score, CountsErrorsAndSources) {
   std::vector<Estimate> estimates{estimate_at(3, 4), estimate_at(0, 30), estimate_at(60, 0), estimate_at(0, 1)};
   estimates[3].source = SourceLabel::no_fix;
