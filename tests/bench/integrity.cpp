@@ -36,7 +36,8 @@ struct Options {
   std::filesystem::path data = data_folder(), plot;
   std::vector<std::filesystem::path> from;
   std::filesystem::path measured = "tests/integrity/data/measured_looks.csv",
-                        repeated = "tests/integrity/data/repeated_looks.csv";
+                        repeated = "tests/integrity/data/repeated_looks.csv",
+                        counted = "tests/integrity/data/plain_flights.csv";
   SplittingRun splitting;
   int repetitions = 20, flights = 100'000;
   std::vector<std::string> faults;
@@ -102,10 +103,21 @@ int repeats(const Options& options) {
   return 0;
 }
 
+PlainFile plain_of(std::span<const std::filesystem::path> paths, std::uint64_t seed) {
+  PlainFile all = read_plain(paths.front(), seed);
+  for (const std::filesystem::path& path : paths.subspan(1)) all.add(read_plain(path, seed));
+  return all;
+}
+
 int table(const Options& options) {
   if (options.from.empty()) {
     throw UsageError(
-        {.what = "no results to make the table from", .fix = "pass --from the CSV of --part looks or repeats"});
+        {.what = "no results to make the table from", .fix = "pass --from the CSV of --part looks, repeats or plain"});
+  }
+  if (is_plain_flights(options.from.front())) {
+    write_file_atomic(options.counted, plain_of(options.from, options.run.seed).text());
+    std::cout << options.counted.string() << "\n";
+    return 0;
   }
   if (is_repeated_looks(options.from.front())) {
     const RepeatRates rates = RepeatRates::reduced(options.from.front());
@@ -181,8 +193,10 @@ int tree(const Options& options) {
         {.what = "no probabilities to compute the tree from", .fix = "pass --from the CSV of --part splitting"});
   }
   const SplittingFile file = read_splitting(options.from.front(), options.run.seed);
-  const FaultTree tree = fault_tree(probabilities(file.records), file.minutes);
-  std::cout << tree_table(tree);
+  CountedFlights counted;
+  if (options.from.size() > 1) counted = plain_of(std::span(options.from).subspan(1), options.run.seed).sums;
+  const FaultTree tree = fault_tree(probabilities(file.records, counted), file.minutes);
+  std::cout << splitting_table(file.records, counted) << "\n" << tree_table(tree);
   if (!options.plot.empty()) write_file_atomic(options.plot, tree_svg(tree));
   return 0;
 }
@@ -215,8 +229,10 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0.0, 1.0));
   app.add_option("--data", options.data, "folder of the real sets; default: $NADIR_DATA, else ../shared/data");
   app.add_option("--svg", options.plot, "draw the reliability diagram, or the tree, into this file");
-  app.add_option("--from", options.from,
-                 "stored results, not run again: looks, table: of looks (table: or of repeats); tree: of splitting");
+  app.add_option(
+      "--from", options.from,
+      "stored results, not run again: looks, table: of looks (table: or of repeats, or of plain, to be added "
+      "up); tree: of splitting, then of plain");
   app.add_option("--measured", options.measured, "the table that splitting draws from")->capture_default_str();
   app.add_option("--repeated", options.repeated, "the repeats that it draws from")->capture_default_str();
   app.add_option("--repetitions", options.repetitions, "of splitting, for each fault")->check(CLI::Range(2, 10'000));

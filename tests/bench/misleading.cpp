@@ -107,7 +107,8 @@ SplitEstimate estimate_of(const std::vector<SplitRecord::Estimate>& repetitions)
   return estimate;
 }
 
-std::map<std::string, FaultProbability> probabilities(const std::map<std::uint64_t, SplitRecord>& records) {
+std::map<std::string, FaultProbability> probabilities(const std::map<std::uint64_t, SplitRecord>& records,
+                                                      const CountedFlights& counted) {
   std::map<std::string, std::array<std::vector<SplitRecord::Estimate>, 2>> lists;
   std::map<std::string, FaultProbability> sums;
   for (const auto& [index, r] : records) {
@@ -116,6 +117,7 @@ std::map<std::string, FaultProbability> probabilities(const std::map<std::uint64
     sums[r.fault].plain.add(r.plain);
   }
   for (auto& [fault, sum] : sums) {
+    if (const auto more = counted.find(fault); more != counted.end()) sum.plain.add(more->second);
     sum.misleading = estimate_of(lists[fault][0]);
     sum.hazardous = estimate_of(lists[fault][1]);
     // Where a repetition never met the event: what is hazardously misleading is misleading, too.
@@ -127,8 +129,8 @@ std::map<std::string, FaultProbability> probabilities(const std::map<std::uint64
   return sums;
 }
 
-std::string splitting_table(const std::map<std::uint64_t, SplitRecord>& records) {
-  const auto by_fault = probabilities(records);
+std::string splitting_table(const std::map<std::uint64_t, SplitRecord>& records, const CountedFlights& counted) {
+  const auto by_fault = probabilities(records, counted);
   std::string table =
       "| fault | repetitions | levels | P(misleading) | 95 % bound | levels | P(hazardous) | 95 % bound | of plain "
       "flights: "

@@ -44,8 +44,11 @@ struct FaultProbability {
   FlightCounts plain;
 };
 SplitEstimate estimate_of(const std::vector<SplitRecord::Estimate>& repetitions);
-std::map<std::string, FaultProbability> probabilities(const std::map<std::uint64_t, SplitRecord>& records);
+// counted: more plain flights than the repetitions' own, by fault.
+using CountedFlights = std::map<std::string, FlightCounts>;
+std::map<std::string, FaultProbability> probabilities(const std::map<std::uint64_t, SplitRecord>& records,
+                                                      const CountedFlights& counted = {});
 
-std::string splitting_table(const std::map<std::uint64_t, SplitRecord>& records);
+std::string splitting_table(const std::map<std::uint64_t, SplitRecord>& records, const CountedFlights& counted = {});
 
 }  // namespace nadir::bench

@@ -6,9 +6,15 @@
 #include <sstream>
 
 #include "base/error.hpp"
+#include "base/files.hpp"
 #include "counted_share.hpp"
 
 namespace nadir::bench {
+namespace {
+
+constexpr std::string_view kPlainFormat = "# nadir bench plain flights";
+
+}  // namespace
 
 void FlightCounts::add(const FlightCounts& more) {
   flights += more.flights, misleading += more.misleading, hazardous += more.hazardous;
@@ -35,9 +41,9 @@ std::string FlightsRun::text() const {
 
 std::string plain_header(const FlightsRun& run) {
   return fmt::format(
-      "# nadir bench plain flights, base seed {}, {} a line, {}\n"
+      "{}, base seed {}, {} a line, {}\n"
       "index,fault,flights,misleading,hazardous,looks,usable,usable_30\n",
-      run.seed, kFlightsInALine, run.text());
+      kPlainFormat, run.seed, kFlightsInALine, run.text());
 }
 
 std::string line(const PlainFlights& f) {
@@ -68,6 +74,46 @@ PlainFlights count_plain(const MeasuredLooks& looks, const RepeatRates& repeats,
   const FaultFlight flight(looks, repeats, kind, run.limits, FaultFlight::hazardous);
   return {index, kind.code,
           count_flights(flight, kFlightsInALine, hash_of(run.seed, static_cast<std::int64_t>(index)))};
+}
+
+PlainFile read_plain(const std::filesystem::path& path, std::uint64_t seed) {
+  std::istringstream in(read_text_file(path, std::uint64_t{1} << 28));
+  PlainFile file;
+  std::string names, text;
+  std::getline(in, text);
+  std::getline(in, names);
+  file.header = text + "\n" + names + "\n";
+  const std::string expected = fmt::format("{}, base seed {}, {} a line, ", kPlainFormat, seed, kFlightsInALine);
+  if (!text.starts_with(expected)) {
+    throw UsageError({.what = "not the plain flights of this base seed",
+                      .where = path.string(),
+                      .expected = expected,
+                      .found = text.substr(0, 80),
+                      .fix = "pass the --seed of their run, or --from another file"});
+  }
+  file.run = text.substr(expected.size());
+  while (std::getline(in, text)) {
+    const PlainFlights flights = plain_flights_of(text);
+    file.sums[flights.fault].add(flights.counts);
+  }
+  return file;
+}
+
+bool is_plain_flights(const std::filesystem::path& path) {
+  return read_text_file(path, std::uint64_t{1} << 28).starts_with(kPlainFormat);
+}
+
+void PlainFile::add(const PlainFile& more) {
+  if (more.header != header) {
+    throw UsageError({.what = "plain flights of two runs are not added up", .expected = run, .found = more.run});
+  }
+  for (const auto& [fault, counts] : more.sums) sums[fault].add(counts);
+}
+
+std::string PlainFile::text() const {
+  std::string lines = header;
+  for (const auto& [fault, counts] : sums) lines += line(PlainFlights{number_of(fault_kind(fault), 0), fault, counts});
+  return lines;
 }
 
 std::string plain_table(const std::map<std::uint64_t, PlainFlights>& counted) {

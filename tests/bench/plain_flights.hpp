@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <map>
 #include <string>
 
@@ -41,6 +42,18 @@ PlainFlights plain_flights_of(const std::string& line);  // throws Error for any
 // Every fault in turn: the fault is index modulo their number.
 PlainFlights count_plain(const MeasuredLooks& looks, const RepeatRates& repeats, const FlightsRun& run,
                          std::uint64_t index);
+
+// Results of `--part plain`, added up: of each fault (FaultKind::code) all of its flights. Throws UsageError for
+// another file or another seed, Error for a line that cannot be read.
+struct PlainFile {
+  std::string header;  // as it was written
+  std::string run;     // FlightsRun::text()
+  std::map<std::string, FlightCounts> sums;
+  void add(const PlainFile& more);  // throws UsageError for flights of another run
+  std::string text() const;         // a line for each fault, which reads as the same sums
+};
+PlainFile read_plain(const std::filesystem::path& path, std::uint64_t seed);
+bool is_plain_flights(const std::filesystem::path& path);
 
 // Of each fault the counts, and the interval of the hazardous share with 95 % confidence.
 std::string plain_table(const std::map<std::uint64_t, PlainFlights>& counted);
