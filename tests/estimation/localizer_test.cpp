@@ -44,15 +44,16 @@ TEST(Localizer, FollowsAFlightOverItsMap) {
   }
 }
 
-// A minority that agrees may be the wrong one: until a sharp prediction says the same, its word counts less.
-TEST(Localizer, AMinorityOfPatchesMakesAVagueAnchor) {
-  class MorePatches final : public MapMatcher {  // of which no more agree
+// What the matcher finds in a window, changed.
+LocalizerConfig with_changed_matches(std::function<void(AnchorMatch&)> change) {
+  class ChangedMatches final : public MapMatcher {
    public:
-    explicit MorePatches(const MatcherMap& map) : inner_(make_channel_matcher(map)) {}
+    ChangedMatches(const MatcherMap& map, std::function<void(AnchorMatch&)> change)
+        : inner_(make_channel_matcher(map)), change_(std::move(change)) {}
     AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) override {
-      AnchorMatch match = inner_->match(grey, prior);
-      match.patches = match.patches * 2 + 1;
-      return match;
+      AnchorMatch found = inner_->match(grey, prior);
+      change_(found);
+      return found;
     }
     AnchorMatch match_anywhere(const cv::Mat& grey, const AnchorPrior& prior, const PlaneBox& area) override {
       return inner_->match_anywhere(grey, prior, area);
@@ -60,9 +61,20 @@ TEST(Localizer, AMinorityOfPatchesMakesAVagueAnchor) {
 
    private:
     std::unique_ptr<MapMatcher> inner_;
+    std::function<void(AnchorMatch&)> change_;
   };
-  LocalizerConfig minority = config();
-  minority.matcher = [](const MatcherMap& map) { return std::make_unique<MorePatches>(map); };
+  LocalizerConfig changed = config();
+  changed.matcher = [change = std::move(change)](const MatcherMap& map) {
+    return std::make_unique<ChangedMatches>(map, change);
+  };
+  return changed;
+}
+
+void as_a_minority(AnchorMatch& found) { found.patches = found.patches * 2 + 1; }  // of which no more agree
+
+// A minority that agrees may be the wrong one: until a sharp prediction says the same, its word counts less.
+TEST(Localizer, AMinorityOfPatchesMakesAVagueAnchor) {
+  const LocalizerConfig minority = with_changed_matches(as_a_minority);
   Localizer sure(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   Localizer vague(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), minority);
   const Moment &first = short_flight()[0], &second = short_flight()[1];
@@ -79,28 +91,35 @@ TEST(Localizer, AMinorityOfPatchesMakesAVagueAnchor) {
               0.5 * next.estimate.sigma_m);
 }
 
+// … and one that agrees a row beside the track is rather wrong than the track, and hardly moves it.
+TEST(Localizer, AMinorityBesideASharpTrackHardlyMovesIt) {
+  constexpr double kRow_px = 20;
+  double row_m = 0;
+  bool beside = false;
+  const LocalizerConfig configured = with_changed_matches([&](AnchorMatch& found) {
+    if (!beside || !found.solved) return;
+    as_a_minority(found);
+    row_m = kRow_px * found.fine_gsd_m;
+    found.solved->pose.position.east_m += row_m;
+  });
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), configured);
+  for (const Moment& moment : short_flight()) {
+    beside = &moment == &short_flight().back();
+    const FrameReport report = localizer.process(moment.image, moment.telemetry);
+    EXPECT_EQ(report.anchor.verdict, AnchorVerdict::accepted) << "chi2 " << report.anchor.chi2;
+    if (!beside) continue;
+    EXPECT_LT(report.anchor.chi2, 5.991) << "it agrees within 95 %";
+    EXPECT_LT(off_m(report.estimate, moment), row_m / 4);
+  }
+}
+
 // What no model has (lens, relief, the moment of the telemetry) is another over other ground and in a turn: several
 // anchors that erred alike do not shut out those that err otherwise.
 TEST(Localizer, AnAnchoredTrackAllowsForUnmodelledErrors) {
-  class OffByThen final : public MapMatcher {
-   public:
-    OffByThen(const MatcherMap& map, const double& off_m) : inner_(make_channel_matcher(map)), off_m_(off_m) {}
-    AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) override {
-      AnchorMatch found = inner_->match(grey, prior);
-      if (found.solved) found.solved->pose.position.east_m += off_m_;
-      return found;
-    }
-    AnchorMatch match_anywhere(const cv::Mat& grey, const AnchorPrior& prior, const PlaneBox& area) override {
-      return inner_->match_anywhere(grey, prior, area);
-    }
-
-   private:
-    std::unique_ptr<MapMatcher> inner_;
-    const double& off_m_;
-  };
   double off_by_m = 0;
-  LocalizerConfig configured = config();
-  configured.matcher = [&](const MatcherMap& map) { return std::make_unique<OffByThen>(map, off_by_m); };
+  const LocalizerConfig configured = with_changed_matches([&](AnchorMatch& found) {
+    if (found.solved) found.solved->pose.position.east_m += off_by_m;
+  });
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), configured);
   for (const Moment& moment : short_flight()) {
     const bool last = &moment == &short_flight().back();
