@@ -221,7 +221,11 @@ std::string attack_row(const std::string& flights, const Attack& attack, const s
   }
   const std::string what =
       attack.step_m > 0 ? fmt::format("step of {:.0f} m", attack.step_m) : fmt::format("{:.1f} m/s", attack.drag_mps);
-  const double median_s = quantile(delays, 0.5), late_s = quantile(delays, 0.95);
+  // Of an attack that nobody found there is no delay, and 0 s would be a quick one.
+  const auto delay_s = [&](double share) {
+    return delays.empty() ? std::numeric_limits<double>::quiet_NaN() : quantile(delays, share);
+  };
+  const double median_s = delay_s(0.5), late_s = delay_s(0.95);
   const auto off = [&](double seconds) { return attack.step_m + attack.drag_mps * seconds; };
   return fmt::format("| {} | {} | {} of {} | {:.1f}, {:.1f} | {:.0f}, {:.0f} | {:.1f} |\n", flights, what,
                      delays.size(), outcomes.size(), median_s, late_s, off(median_s), off(late_s),

@@ -194,7 +194,16 @@ int tree(const Options& options) {
   }
   const SplittingFile file = read_splitting(options.from.front(), options.run.seed);
   CountedFlights counted;
-  if (options.from.size() > 1) counted = plain_of(std::span(options.from).subspan(1), options.run.seed).sums;
+  if (options.from.size() > 1) {
+    const PlainFile plain = plain_of(std::span(options.from).subspan(1), options.run.seed);
+    if (!file.run.ends_with(plain.run)) {
+      throw UsageError({.what = "plain flights and splitting drew from different looks, or under different limits",
+                        .expected = file.run,
+                        .found = plain.run,
+                        .fix = "run both with the same --measured and --repeated"});
+    }
+    counted = plain.sums;
+  }
   const FaultTree tree = fault_tree(probabilities(file.records, counted), file.minutes);
   std::cout << splitting_table(file.records, counted) << "\n" << tree_table(tree);
   if (!options.plot.empty()) write_file_atomic(options.plot, tree_svg(tree));
