@@ -602,7 +602,7 @@ inline constexpr double kModelErrorFactor = 4;
 inline constexpr double kUnknownTiltModelErrorFactor = 9;  // all of that looks like a tilt; [safety NaN attitude 755]
 // Sets of patches that agreed on a wrong pose nearby lay up to 26 px from the truth; [safety night 4734, height 5045].
 inline constexpr double kWrongConsensusSigma_px = 10;
-// That it is one; the square of 10 px over 26, so that both say the same.
+// That such a set is the wrong one, and then 26 px off (σ): of the same variance as 10 px, so their square; chosen.
 inline constexpr double kWrongConsensusChance = 0.15;
 inline constexpr double kMostPatches =
     0.5;  // a larger share of patches that agree is no wrong consensus; [safety 2220]
