@@ -29,8 +29,6 @@
 
 namespace nadir {
 
-class CheckedTiles;
-
 struct LocalizerConfig {
   double integrity_risk = parameters::belief::kIntegrityRisk;   // per look, beyond the protection level
   double start_sigma_m = parameters::localizer::kStartSigma_m;  // of the start position, one axis
@@ -63,11 +61,6 @@ struct LocalizerConfig {
   OdometryFactory odometry = make_feature_odometry;
   MapMatcherFactory matcher = make_channel_matcher;
 };
-
-// 1-σ error per axis of a circular error given as CE90: CE90 / √(-2 ln(1 - 0.9)).
-double map_sigma_from_ce90(double ce90_m);
-// The same from the worst CE90 that a package's tiles state: for what is measured over all of the map at once.
-double map_sigma_m(const CheckedTiles& tiles);
 
 // One frame to be matched with the map: a snapshot of what was predicted for it, and the result.
 class AnchorJob {

@@ -44,11 +44,6 @@ double anchor_model_error_factor(bool tilt_missing) {
   return tilt_missing ? kUnknownTiltModelErrorFactor : kModelErrorFactor;
 }
 
-double unmodelled_variance_m2(double agl_m) {
-  const double sigma_m = kUnmodelledShare * agl_m;
-  return sigma_m * sigma_m;
-}
-
 double wrong_consensus_sigma_px(double share, double ratio) {
   return share < (ratio < kAlikeRatio ? kMostPatches : kMostPatchesAlike) ? kWrongConsensusSigma_px : 0;
 }
@@ -88,6 +83,26 @@ Look look_of(const AnchorMatch& match, const LookContext& context) {
   candidate.log_likelihood_ratio = match.judged_log_likelihood_ratio.value_or(ratio);
   look.rival = rival_of(match, candidate, ratio);
   return look;
+}
+
+PoseMeasurement anchor_measurement(const AnchorMatch& match, const LookContext& context,
+                                   const TelemetryReference& reference, const TrackPrediction& predicted,
+                                   const std::optional<PlanePoint>& last_anchor) {
+  const SolvedPose& solved = *match.solved;
+  double shared = 1;
+  if (last_anchor) {
+    const double stretch_m = kSharedErrorFootprints * context.footprint_m;
+    shared = std::max(1.0, stretch_m / std::max(1.0, (solved.pose.position - *last_anchor).norm()));
+  }
+  PoseMeasurement measurement = pose_measurement(solved, reference);
+  measurement.covariance *= anchor_model_error_factor(context.tilt_missing) * shared;
+  const Eigen::Matrix2d innovation_m2 = predicted.covariance_m2 + measurement.covariance.topLeftCorner<2, 2>() +
+                                        unmodelled_variance_m2(context.agl_m) * Eigen::Matrix2d::Identity();
+  const double wrong_consensus_m2 = wrong_consensus_left_m2(wrong_consensus_variance_m2(match), innovation_m2,
+                                                            solved.pose.position - predicted.position);
+  measurement.covariance.topLeftCorner<2, 2>() += wrong_consensus_m2 * Eigen::Matrix2d::Identity();
+  measurement.covariance(2, 2) += kMinHeightSigma * kMinHeightSigma;
+  return measurement;
 }
 
 AnchorReport anchor_report(const AnchorMatch& match, const LookContext& context, const Look& look,

@@ -5,6 +5,8 @@
 
 #include "estimation/belief.hpp"
 #include "estimation/estimate.hpp"
+#include "estimation/map_error.hpp"
+#include "estimation/pose_measurements.hpp"
 #include "vision/map_matcher.hpp"
 
 namespace nadir {
@@ -26,9 +28,6 @@ struct LookContext {
 // Factor on the solved pose's covariance for what the solver does not model.
 double anchor_model_error_factor(bool tilt_missing);
 
-// Variance of one axis of what no model has (lens, relief, the moment of the telemetry); it grows with height.
-double unmodelled_variance_m2(double agl_m);
-
 // Where too few patches agree, those may be the wrong ones: σ of one axis in pixels of the fine map, or 0. More have to
 // agree where ground resembles itself. share: of patches that agree; ratio: second best score over the best.
 double wrong_consensus_sigma_px(double share, double ratio);
@@ -49,6 +48,15 @@ double rival_log_odds(double ratio);
 // What the belief needs to know of a match. The rival of its candidate lies where the search found it, and is vaguer by
 // what patches make more precise.
 Look look_of(const AnchorMatch& match, const LookContext& context);
+
+// What the filter takes of an accepted look. The covariance is larger than the solver's: by what the solver does not
+// model; by what anchors over the same ground share (its slope and roofs, the map's own warps: those within a stretch
+// count as one, however many frames there were); and, where most patches matched something else, by the chance that
+// those which agree are the wrong ones, as far as the filter's prediction does not say otherwise.
+//   predicted: the filter's, at the frame; last_anchor: where the one before was matched
+PoseMeasurement anchor_measurement(const AnchorMatch& match, const LookContext& context,
+                                   const TelemetryReference& reference, const TrackPrediction& predicted,
+                                   const std::optional<PlanePoint>& last_anchor);
 
 AnchorReport anchor_report(const AnchorMatch& match, const LookContext& context, const Look& look,
                            const LookResult& result);

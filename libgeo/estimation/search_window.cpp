@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "estimation/look_likelihood.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir {
@@ -72,6 +73,24 @@ std::optional<PlaneBox> OperatorHint::box(PlanePoint position, double sigma_m,
          std::min(box.north_m, area->north_m)};
   if (box.west_m >= box.east_m || box.south_m >= box.north_m) return std::nullopt;
   return box;
+}
+
+AnchorMatch match_lost(MapMatcher& matcher, const PlaceRetrieval* places, const cv::Mat& grey, const AnchorPrior& prior,
+                       const LostSearch& where) {
+  const auto plausible = [&](const AnchorMatch& match) {
+    return match.solved &&
+           log_likelihood_ratio(match, prior, where.area.area_m2()) >= parameters::belief::kWorthKeeping;
+  };
+  const auto among = [&](const SearchSuggestions& suggested) {
+    return matcher.match_among(grey, prior, where.area, suggested);
+  };
+  if (where.hint || places != nullptr) {
+    AnchorMatch match = among({where.hint, places});
+    if (plausible(match)) return match;
+  }
+  // The place index is right for most frames: for the others it suffices to search a part at a time.
+  if (places != nullptr) return among({where.part, nullptr});
+  return matcher.match_anywhere(grey, prior, where.area);
 }
 
 }  // namespace nadir

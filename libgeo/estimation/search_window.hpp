@@ -11,6 +11,7 @@
 
 #include "estimation/estimate.hpp"
 #include "geodesy/region.hpp"
+#include "vision/map_matcher.hpp"
 
 namespace nadir {
 
@@ -66,5 +67,16 @@ class OperatorHint {
   double from_sigma_m_ = 0;
   bool weighed_ = false;
 };
+
+// Where a lost aircraft is searched: chosen with the frame, searched by its job.
+struct LostSearch {
+  PlaneBox area;
+  std::optional<PlaneBox> hint;
+  PlaneBox part;  // of the area, to be searched when suggestions fail
+};
+
+// places: the package's index; null: there is none.
+AnchorMatch match_lost(MapMatcher& matcher, const PlaceRetrieval* places, const cv::Mat& grey, const AnchorPrior& prior,
+                       const LostSearch& where);
 
 }  // namespace nadir
