@@ -8,16 +8,14 @@
 #include <ceres/problem.h>
 #include <ceres/solver.h>
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <exception>
-#include <limits>
-#include <numeric>
 #include <tuple>
 #include <utility>
 
+#include "adjustment/block_selection.hpp"
 #include "adjustment/marginal_covariance.hpp"
 #include "geodesy/hypotenuse.hpp"
 
@@ -25,31 +23,6 @@ namespace nadir {
 namespace {
 
 namespace table = parameters::adjustment;
-
-CameraPose pose_from_block(const FrameBlock& block, const GroundSurface& ground) {
-  CameraPose pose;
-  pose.position = {block.values[0], block.values[1]};
-  pose.agl_m = block.values[2] - ground.height_m(pose.position);
-  pose.attitude = attitude_from_matrix(block.world_from_camera());
-  return pose;
-}
-
-// Frames that are connected, directly or through others.
-class Connections {
- public:
-  explicit Connections(std::size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0U); }
-  std::size_t root(std::size_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void join(std::size_t a, std::size_t b) {
-    const std::size_t of_a = root(a), of_b = root(b);
-    parent_[std::max(of_a, of_b)] = std::min(of_a, of_b);
-  }
-
- private:
-  std::vector<std::size_t> parent_;
-};
 
 class CancelCallback final : public ceres::IterationCallback {
  public:
@@ -83,27 +56,11 @@ class AdjustmentRun {
         whole_(window.begin == 0 && window.end == data.frames.size()),
         progress_(progress),
         cancel_(cancel),
-        free_(data.frames.size(), false),
-        kept_(data.anchors.size(), true),
-        uses_(data.points.size()),
-        used_(data.points.size(), false),
-        counts_(data.frames.size(), 0),
-        connections_(data.frames.size()),
-        anchored_(data.frames.size(), false),
-        held_root_(data.frames.size(), false) {
-    for (std::size_t j = 0; j < uses_.size(); ++j) {
-      uses_[j].assign(data.points[j].observations.size(), ObservationUse::outside_window);
-    }
-    std::fill(free_.begin() + static_cast<std::ptrdiff_t>(window.begin),
-              free_.begin() + static_cast<std::ptrdiff_t>(window.end), true);
-  }
+        selection_(data, state, window) {}
 
   AdjustedBlock run();
 
  private:
-  void place_points();
-  void connect();
-  bool motion_between(std::size_t i) const;
   std::vector<double> terrain_sigmas() const;
   void build();
   void add_frame_terms();
@@ -111,14 +68,11 @@ class AdjustmentRun {
   void add_motion();
   void add_points();
   bool solve(int iterations, double tolerance, double trust_region);
-  bool decide();
-  double anchor_chi2(const BlockAnchor& anchor) const;
   bool covariances();
   void add_held_covariances(MarginalCovariances& marginal);
   void report_calibration();
   AdjustedBlock report() const;
 
-  bool adjusted(std::size_t anchor) const { return free_[data_.anchors[anchor].frame]; }
   void add_term(ceres::CostFunction* cost, ceres::LossFunction* loss, std::vector<double*> blocks) {
     frame_terms_.push_back(problem_->AddResidualBlock(cost, loss, blocks));
   }
@@ -128,16 +82,7 @@ class AdjustmentRun {
   bool whole_;
   Progress& progress_;
   const Cancel& cancel_;
-  std::vector<bool> free_;
-  std::vector<bool> kept_;                         // per anchor
-  std::vector<std::vector<ObservationUse>> uses_;  // per point and observation
-  std::vector<bool> used_;                         // per point
-  std::vector<std::size_t> counts_;                // used observations of each frame
-
-  // Per frame: the first frame that it is connected with; and of that one, whether the block is anchored and whether it
-  // has a held frame.
-  Connections connections_;
-  std::vector<bool> anchored_, held_root_;
+  BlockSelection selection_;
 
   double anchor_bound_ = table::kAnchorBound, pose_bound_ = table::kPoseAnchorBound;
   double huber_width_ = table::kObservationHuber;
@@ -156,99 +101,6 @@ class AdjustmentRun {
   std::optional<MarginalCovariances> marginal_;
 };
 
-// Where points start: where the rays of their observations meet the ground, on average.
-void AdjustmentRun::place_points() {
-  CameraModel camera = data_.camera;
-  camera.fx *= std::exp(state_.calibration.log_focal);
-  camera.fy *= std::exp(state_.calibration.log_focal);
-  camera.distortion = state_.calibration.distortion;
-  std::vector<std::optional<CameraPose>> poses(data_.frames.size());
-  for (std::size_t j = 0; j < data_.points.size(); ++j) {
-    const TiePoint& point = data_.points[j];
-    auto& uses = uses_[j];
-    const bool seen = std::any_of(point.observations.begin(), point.observations.end(),
-                                  [&](const ImageObservation& o) { return free_[o.frame]; });
-    if (!seen) continue;
-    if (!state_.point_known[j]) {
-      Eigen::Vector2d sum = Eigen::Vector2d::Zero();
-      double hits = 0;
-      for (const ImageObservation& o : point.observations) {
-        auto& pose = poses[o.frame];
-        if (!pose) pose = pose_from_block(state_.frames[o.frame], data_.ground);
-        const auto hit = ground_from_ray(*pose, camera.ray_from_pixel(o.pixel), data_.ground);
-        if (!hit || !hit->vector().allFinite()) continue;
-        sum += hit->vector();
-        ++hits;
-      }
-      if (hits > 0) {
-        const PlanePoint place(sum / hits);
-        state_.points[j] = {place.east_m, place.north_m, data_.ground.height_m(place)};
-        state_.point_known[j] = true;
-      } else if (point.control) {
-        const PlanePoint place = point.control->place;
-        state_.points[j] = {place.east_m, place.north_m, data_.ground.height_m(place)};
-        state_.point_known[j] = true;
-      }
-    }
-    std::size_t usable = 0;
-    for (std::size_t k = 0; k < uses.size(); ++k) {
-      const FrameBlock& frame = state_.frames[point.observations[k].frame];
-      const bool visible =
-          state_.point_known[j] && project(data_.lens, state_.calibration, frame, state_.points[j]).has_value();
-      uses[k] = visible ? ObservationUse::used : ObservationUse::behind_camera;
-      usable += visible ? 1 : 0;
-    }
-    used_[j] = usable >= (point.control ? 1 : table::kMinRays);
-    if (used_[j]) continue;
-    for (auto& use : uses) {
-      if (use == ObservationUse::used) use = ObservationUse::too_few;
-    }
-  }
-}
-
-bool AdjustmentRun::motion_between(std::size_t i) const {
-  return i > 0 && data_.frames[i].continues_flight && (free_[i] || free_[i - 1]) &&
-         (counts_[i] < table::kWellTied || counts_[i - 1] < table::kWellTied);
-}
-
-// Which frames belong together, and which of these blocks something ties to the map.
-void AdjustmentRun::connect() {
-  const std::size_t count = data_.frames.size();
-  std::fill(counts_.begin(), counts_.end(), 0);
-  connections_ = Connections(count);
-  for (std::size_t j = 0; j < data_.points.size(); ++j) {
-    if (!used_[j]) continue;
-    std::optional<std::size_t> first;
-    for (std::size_t k = 0; k < uses_[j].size(); ++k) {
-      if (uses_[j][k] != ObservationUse::used) continue;
-      const std::size_t frame = data_.points[j].observations[k].frame;
-      ++counts_[frame];
-      if (first) connections_.join(*first, frame);
-      first = frame;
-    }
-  }
-  for (std::size_t i = 1; i < count; ++i) {
-    if (motion_between(i)) connections_.join(i - 1, i);
-  }
-  anchored_.assign(count, false);
-  held_root_.assign(count, false);
-  for (std::size_t a = 0; a < data_.anchors.size(); ++a) {
-    if (kept_[a] && adjusted(a)) anchored_[connections_.root(data_.anchors[a].frame)] = true;
-  }
-  for (std::size_t j = 0; j < data_.points.size(); ++j) {
-    if (!used_[j] || !data_.points[j].control) continue;
-    for (std::size_t k = 0; k < uses_[j].size(); ++k) {
-      if (uses_[j][k] != ObservationUse::used) continue;
-      anchored_[connections_.root(data_.points[j].observations[k].frame)] = true;
-    }
-  }
-  for (std::size_t i = 0; i < count; ++i) {
-    if (free_[i]) continue;
-    held_root_[connections_.root(i)] = true;
-    if (state_.frame_states[i] == FrameState::anchored) anchored_[connections_.root(i)] = true;
-  }
-}
-
 std::vector<double> AdjustmentRun::terrain_sigmas() const {
   std::vector<double> sigmas(data_.points.size(), data_.options.terrain_sigma_m);
   const double cell_m = data_.options.terrain_correlation_m;
@@ -258,7 +110,7 @@ std::vector<double> AdjustmentRun::terrain_sigmas() const {
   };
   std::vector<InCell> cells;
   for (std::size_t j = 0; j < data_.points.size(); ++j) {
-    if (!used_[j]) continue;
+    if (!selection_.used(j)) continue;
     if (settled_) {
       const Eigen::Vector3d& at = state_.points[j];
       const double off_m = std::abs(at.z() - data_.ground.height_m({at.x(), at.y()}));
@@ -283,7 +135,7 @@ std::vector<double> AdjustmentRun::terrain_sigmas() const {
 }
 
 void AdjustmentRun::build() {
-  connect();
+  selection_.connect();
   ceres::Problem::Options options;
   options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   problem_ = std::make_unique<ceres::Problem>(options);
@@ -293,9 +145,9 @@ void AdjustmentRun::build() {
   add_frame_terms();
   add_motion();
   add_points();
-  for (std::size_t i = 0; i < free_.size(); ++i) {
+  for (std::size_t i = 0; i < data_.frames.size(); ++i) {
     double* values = state_.frames[i].values.data();
-    if (!free_[i] && problem_->HasParameterBlock(values)) problem_->SetParameterBlockConstant(values);
+    if (!selection_.free(i) && problem_->HasParameterBlock(values)) problem_->SetParameterBlockConstant(values);
   }
 }
 
@@ -339,16 +191,16 @@ void AdjustmentRun::add_calibration() {
 }
 
 void AdjustmentRun::add_frame_terms() {
-  std::vector<double> members(free_.size(), 0);  // free frames of each block, by its root
-  std::vector<bool> gauge_held = held_root_;
-  for (std::size_t i = 0; i < free_.size(); ++i) members[connections_.root(i)] += free_[i] ? 1 : 0;
-  for (std::size_t i = 0; i < free_.size(); ++i) {
-    if (!free_[i]) continue;
+  std::vector<double> members(data_.frames.size(), 0);  // free frames of each part
+  std::vector<bool> gauge_held = selection_.parts_with_held_frames();
+  for (std::size_t i = 0; i < data_.frames.size(); ++i) members[selection_.part(i)] += selection_.free(i) ? 1 : 0;
+  for (std::size_t i = 0; i < data_.frames.size(); ++i) {
+    if (!selection_.free(i)) continue;
     FrameBlock& frame = state_.frames[i];
     double* values = frame.values.data();
-    const std::size_t root = connections_.root(i);
-    // Where nothing was measured, the start counts: of all such frames of a block together, as much as once.
-    const double share = std::sqrt(members[root]);
+    const std::size_t part = selection_.part(i);
+    // Where nothing was measured, the start counts: of all such frames of a part together, as much as once.
+    const double share = std::sqrt(members[part]);
     const AdjustmentFrame& input = data_.frames[i];
     if (input.attitude) {
       add_term(attitude_cost(frame, enu_from_camera(input.attitude->attitude), input.attitude->tilt_sigma_rad,
@@ -366,15 +218,15 @@ void AdjustmentRun::add_frame_terms() {
       add_term(height_cost(data_.ground, input.pose.agl_m, share * table::kUnmeasuredHeightSigma), nullptr,
                {values, &no_scale_});
     }
-    if (!anchored_[root] && !gauge_held[root]) {
+    if (!selection_.anchored(part) && !gauge_held[part]) {
       const double variance = table::kGaugeSigma_m * table::kGaugeSigma_m;
       add_term(position_cost({values[0], values[1]}, variance * Eigen::Matrix2d::Identity()), nullptr, {values});
-      gauge_held[root] = true;
+      gauge_held[part] = true;
     }
   }
   for (std::size_t a = 0; a < data_.anchors.size(); ++a) {
     const BlockAnchor& anchor = data_.anchors[a];
-    if (!kept_[a] || !adjusted(a)) continue;
+    if (!selection_.kept(a) || !selection_.adjusted(a)) continue;
     FrameBlock& frame = state_.frames[anchor.frame];
     if (anchor.whole) {
       add_term(pose_cost(data_.ground, frame, anchor.whole->pose, anchor.whole->covariance), switchable_pose_.get(),
@@ -386,8 +238,8 @@ void AdjustmentRun::add_frame_terms() {
 }
 
 void AdjustmentRun::add_motion() {
-  for (std::size_t i = 1; i < free_.size(); ++i) {
-    if (!motion_between(i)) continue;
+  for (std::size_t i = 1; i < data_.frames.size(); ++i) {
+    if (!selection_.motion_between(i)) continue;
     const Eigen::Vector3d step_m = data_.starts[i].centre_m() - data_.starts[i - 1].centre_m();
     add_term(motion_cost(step_m, hypotenuse(table::kMotionSigma_m, table::kMotionSigmaShare * step_m.norm())), nullptr,
              {state_.frames[i - 1].values.data(), state_.frames[i].values.data()});
@@ -398,11 +250,11 @@ void AdjustmentRun::add_points() {
   const std::vector<double> terrain = terrain_sigmas();
   CalibrationBlock& c = state_.calibration;
   for (std::size_t j = 0; j < data_.points.size(); ++j) {
-    if (!used_[j]) continue;
+    if (!selection_.used(j)) continue;
     const TiePoint& point = data_.points[j];
     double* position = state_.points[j].data();
     for (std::size_t k = 0; k < point.observations.size(); ++k) {
-      if (uses_[j][k] != ObservationUse::used) continue;
+      if (selection_.use(j, k) != ObservationUse::used) continue;
       const ImageObservation& o = point.observations[k];
       FrameBlock& frame = state_.frames[o.frame];
       point_terms_.push_back(problem_->AddResidualBlock(reprojection_cost(data_.lens, frame, o.pixel, o.sigma_px),
@@ -425,8 +277,8 @@ bool AdjustmentRun::solve(int iterations, double tolerance, double trust_region)
   std::vector<double*> blocks;
   problem_->GetParameterBlocks(&blocks);
   for (double* block : blocks) ordering->AddElementToGroup(block, 1);
-  for (std::size_t j = 0; j < used_.size(); ++j) {
-    if (!used_[j]) continue;
+  for (std::size_t j = 0; j < data_.points.size(); ++j) {
+    if (!selection_.used(j)) continue;
     ordering->AddElementToGroup(state_.points[j].data(), 0);
     any_point = true;
   }
@@ -445,63 +297,18 @@ bool AdjustmentRun::solve(int iterations, double tolerance, double trust_region)
   ceres::Solve(options, problem_.get(), &summary);
   callback.rethrow();
   iterations_ += summary.num_successful_steps + summary.num_unsuccessful_steps;
-  for (std::size_t i = 0; i < free_.size(); ++i) {
-    if (free_[i]) state_.frames[i].recentre();
+  for (std::size_t i = 0; i < data_.frames.size(); ++i) {
+    if (selection_.free(i)) state_.frames[i].recentre();
   }
   return summary.termination_type == ceres::CONVERGENCE;
-}
-
-double AdjustmentRun::anchor_chi2(const BlockAnchor& anchor) const {
-  if (anchor.whole) {
-    const auto off = pose_difference(data_.ground, state_.frames[anchor.frame], anchor.whole->pose);
-    return off ? off->dot(anchor.whole->covariance.llt().solve(*off)) : std::numeric_limits<double>::infinity();
-  }
-  const Eigen::Vector2d off = state_.frames[anchor.frame].centre_m().head<2>() - anchor.position.vector();
-  return off.dot(anchor.covariance_m2.llt().solve(off));
-}
-
-// Switches anchors and observations off or on by the present state; whether any changed.
-bool AdjustmentRun::decide() {
-  bool changed = false;
-  for (std::size_t a = 0; a < kept_.size(); ++a) {
-    if (!adjusted(a)) continue;
-    const bool keep = anchor_chi2(data_.anchors[a]) <=
-                      (data_.anchors[a].whole ? table::kPoseAnchorSwitchOff : table::kAnchorSwitchOff);
-    changed |= keep != kept_[a];
-    kept_[a] = keep;
-  }
-  for (std::size_t j = 0; j < used_.size(); ++j) {
-    if (!used_[j]) continue;
-    const TiePoint& point = data_.points[j];
-    std::size_t good = 0;
-    for (std::size_t k = 0; k < point.observations.size(); ++k) {
-      const ImageObservation& o = point.observations[k];
-      const auto pixel = project(data_.lens, state_.calibration, state_.frames[o.frame], state_.points[j]);
-      ObservationUse use = ObservationUse::behind_camera;
-      if (pixel) {
-        const double chi2 = (*pixel - o.pixel).squaredNorm() / (o.sigma_px * o.sigma_px);
-        use = chi2 <= table::kObservationReject ? ObservationUse::used : ObservationUse::outlier;
-      }
-      good += use == ObservationUse::used ? 1 : 0;
-      changed |= use != uses_[j][k];
-      uses_[j][k] = use;
-    }
-    if (good >= (point.control ? 1 : table::kMinRays)) continue;
-    used_[j] = false;
-    changed = true;
-    for (auto& use : uses_[j]) {
-      if (use == ObservationUse::used) use = ObservationUse::too_few;
-    }
-  }
-  return changed;
 }
 
 bool AdjustmentRun::covariances() {
   ceres::Problem::EvaluateOptions options;
   options.num_threads = 1;
   JacobianLayout layout;
-  for (std::size_t i = 0; i < free_.size(); ++i) {
-    if (!free_[i]) continue;
+  for (std::size_t i = 0; i < data_.frames.size(); ++i) {
+    if (!selection_.free(i)) continue;
     frame_indices_.push_back(i);
     options.parameter_blocks.push_back(state_.frames[i].values.data());
   }
@@ -512,8 +319,8 @@ bool AdjustmentRun::covariances() {
     options.parameter_blocks.push_back(block);
     layout.shared += static_cast<std::size_t>(problem_->ParameterBlockTangentSize(block));
   }
-  for (std::size_t j = 0; j < used_.size(); ++j) {
-    if (!used_[j]) continue;
+  for (std::size_t j = 0; j < data_.points.size(); ++j) {
+    if (!selection_.used(j)) continue;
     point_indices_.push_back(j);
     options.parameter_blocks.push_back(state_.points[j].data());
   }
@@ -531,14 +338,14 @@ bool AdjustmentRun::covariances() {
 
 // An error that the held frames share moves the window as well.
 void AdjustmentRun::add_held_covariances(MarginalCovariances& marginal) {
-  std::vector<std::optional<Eigen::Matrix3d>> largest(free_.size());  // by root
-  for (std::size_t i = 0; i < free_.size(); ++i) {
-    if (free_[i] || !state_.covariances[i] || counts_[i] == 0) continue;
+  std::vector<std::optional<Eigen::Matrix3d>> largest(data_.frames.size());  // by part
+  for (std::size_t i = 0; i < data_.frames.size(); ++i) {
+    if (selection_.free(i) || !state_.covariances[i] || selection_.observations(i) == 0) continue;
     const Eigen::Matrix3d held = state_.covariances[i]->topLeftCorner<3, 3>();
-    auto& most = largest[connections_.root(i)];
+    auto& most = largest[selection_.part(i)];
     if (!most || held.trace() > most->trace()) most = held;
   }
-  const auto of_frame = [&](std::size_t local) { return largest[connections_.root(frame_indices_[local])]; };
+  const auto of_frame = [&](std::size_t local) { return largest[selection_.part(frame_indices_[local])]; };
   for (std::size_t i = 0; i < marginal.frames.size(); ++i) {
     if (const auto held = of_frame(i)) marginal.frames[i].topLeftCorner<3, 3>() += *held;
   }
@@ -547,7 +354,7 @@ void AdjustmentRun::add_held_covariances(MarginalCovariances& marginal) {
   }
   for (std::size_t p = 0; p < marginal.points.size(); ++p) {
     const std::size_t frame = data_.points[point_indices_[p]].observations.front().frame;
-    if (const auto held = largest[connections_.root(frame)]) marginal.points[p] += *held;
+    if (const auto held = largest[selection_.part(frame)]) marginal.points[p] += *held;
   }
 }
 
@@ -588,36 +395,36 @@ AdjustedBlock AdjustmentRun::report() const {
   block.outcome = outcome_;
   block.iterations = iterations_;
   block.calibration = state_.reported;
-  for (std::size_t i = 0; i < free_.size(); ++i) {
+  for (std::size_t i = 0; i < data_.frames.size(); ++i) {
     AdjustedFrame frame;
-    frame.pose = pose_from_block(state_.frames[i], data_.ground);
+    frame.pose = state_.frames[i].pose(data_.ground);
     frame.up_m = state_.frames[i].values[2];
-    frame.state = free_[i] ? state_.frame_states[i] : FrameState::held;
-    if (free_[i]) frame.covariance = state_.covariances[i];
-    frame.observations = counts_[i];
+    frame.state = selection_.free(i) ? state_.frame_states[i] : FrameState::held;
+    if (selection_.free(i)) frame.covariance = state_.covariances[i];
+    frame.observations = selection_.observations(i);
     block.floating_frames += frame.state == FrameState::floating ? 1 : 0;
     block.frames.push_back(frame);
   }
-  for (std::size_t a = 0; a < kept_.size(); ++a) {
-    if (!adjusted(a)) continue;
+  for (std::size_t a = 0; a < data_.anchors.size(); ++a) {
+    if (!selection_.adjusted(a)) continue;
     const BlockAnchor& anchor = data_.anchors[a];
-    const double chi2 = anchor_chi2(anchor);
+    const double chi2 = selection_.anchor_chi2(anchor);
     const double bound = anchor.whole ? table::kPoseAnchorBound : table::kAnchorBound;
-    block.anchors.push_back({a, !kept_[a], switch_value(chi2, bound), chi2,
+    block.anchors.push_back({a, !selection_.kept(a), switch_value(chi2, bound), chi2,
                              state_.frames[anchor.frame].centre_m().head<2>() - anchor.position.vector()});
   }
   double sum = 0, squares = 0;
   for (std::size_t j = 0; j < data_.points.size(); ++j) {
     const TiePoint& point = data_.points[j];
     AdjustedPoint adjusted_point;
-    adjusted_point.used = used_[j];
+    adjusted_point.used = selection_.used(j);
     adjusted_point.position_m = state_.points[j];
-    if (used_[j] && point.control) {
+    if (selection_.used(j) && point.control) {
       adjusted_point.control_residual_m = state_.points[j].head<2>() - point.control->place.vector();
     }
     for (std::size_t k = 0; k < point.observations.size(); ++k) {
       const ImageObservation& o = point.observations[k];
-      AdjustedObservation observation{uses_[j][k]};
+      AdjustedObservation observation{selection_.use(j, k)};
       if (state_.point_known[j]) {
         const auto pixel = project(data_.lens, state_.calibration, state_.frames[o.frame], state_.points[j]);
         if (pixel) observation.residual_px = *pixel - o.pixel;
@@ -640,10 +447,11 @@ AdjustedBlock AdjustmentRun::report() const {
   if (!marginal_) return block;
   for (std::size_t p = 0; p < marginal_->points.size(); ++p) {
     const std::size_t j = point_indices_[p];
-    const bool anchored = std::any_of(
-        data_.points[j].observations.begin(), data_.points[j].observations.end(), [&](const ImageObservation& o) {
-          return free_[o.frame] && counts_[o.frame] > 0 && state_.frame_states[o.frame] == FrameState::anchored;
-        });
+    const bool anchored = std::any_of(data_.points[j].observations.begin(), data_.points[j].observations.end(),
+                                      [&](const ImageObservation& o) {
+                                        return selection_.free(o.frame) && selection_.observations(o.frame) > 0 &&
+                                               state_.frame_states[o.frame] == FrameState::anchored;
+                                      });
     if (anchored) block.points[j].covariance_m2 = marginal_->points[p];
   }
   for (const auto& pair : marginal_->pairs) {
@@ -656,11 +464,11 @@ AdjustedBlock AdjustmentRun::report() const {
 AdjustedBlock AdjustmentRun::run() {
   constexpr int kMostIterations = static_cast<int>(table::kAnchorWidening.size()) * table::kAnnealingIterations +
                                   table::kDecisionRounds * table::kFinalIterations;
-  const bool any = std::find(free_.begin(), free_.end(), true) != free_.end();
+  const bool any = selection_.any_free();
   if (any) {
     progress_.begin("block adjustment", static_cast<std::uint64_t>(kMostIterations), "iterations");
     cancel_.check();
-    place_points();
+    selection_.place_points();
     build();
     for (std::size_t round = 0; round < table::kAnchorWidening.size(); ++round) {
       anchor_bound_ = table::kAnchorBound * table::kAnchorWidening[round];
@@ -671,16 +479,16 @@ AdjustedBlock AdjustmentRun::run() {
     }
     settled_ = true;
     for (int round = 0; round < table::kDecisionRounds; ++round) {
-      if (!decide() && round > 0) break;
+      if (!selection_.decide() && round > 0) break;
       build();
       outcome_ = solve(table::kFinalIterations, table::kFinalTolerance, table::kNearTrustRegion)
                      ? AdjustmentOutcome::converged
                      : AdjustmentOutcome::iteration_limit;
     }
     if (data_.options.covariances && !covariances()) outcome_ = AdjustmentOutcome::underdetermined;
-    for (std::size_t i = 0; i < free_.size(); ++i) {
-      if (!free_[i]) continue;
-      state_.frame_states[i] = anchored_[connections_.root(i)] ? FrameState::anchored : FrameState::floating;
+    for (std::size_t i = 0; i < data_.frames.size(); ++i) {
+      if (!selection_.free(i)) continue;
+      state_.frame_states[i] = selection_.anchored(selection_.part(i)) ? FrameState::anchored : FrameState::floating;
       state_.covariances[i].reset();
     }
     for (std::size_t local = 0; marginal_ && local < frame_indices_.size(); ++local) {

@@ -296,6 +296,14 @@ Eigen::Matrix3d FrameBlock::world_from_camera() const {
   return reference * rotation_from_vector(Eigen::Map<const Eigen::Vector3d>(values.data() + 3));
 }
 
+CameraPose FrameBlock::pose(const GroundSurface& ground) const {
+  CameraPose pose;
+  pose.position = {values[0], values[1]};
+  pose.agl_m = values[2] - ground.height_m(pose.position);
+  pose.attitude = attitude_from_matrix(world_from_camera());
+  return pose;
+}
+
 void FrameBlock::recentre() {
   reference = Eigen::Quaterniond(world_from_camera()).normalized().toRotationMatrix();
   values[3] = values[4] = values[5] = 0;

@@ -32,6 +32,7 @@ struct FrameBlock {
 
   Eigen::Vector3d centre_m() const { return Eigen::Map<const Eigen::Vector3d>(values.data()); }
   Eigen::Matrix3d world_from_camera() const;
+  CameraPose pose(const GroundSurface& ground) const;
   void recentre();  // w becomes zero, the attitude stays
 };
 
