@@ -113,11 +113,8 @@ bool inside(const PlaneBox& box, const Eigen::Vector2d& p) {
   return p.x() >= box.west_m && p.x() <= box.east_m && p.y() >= box.south_m && p.y() <= box.north_m;
 }
 
-// What no number of anchors averages out: the map's own error, and what grows with height.
 Eigen::Matrix2d common_m2(bool anchored) {
-  if (!anchored) return Eigen::Matrix2d::Zero();
-  const double map_m = parameters::localizer::kMapSigma_m, height_m = kUnmodelledShare * kFlightAgl_m;
-  return (map_m * map_m + height_m * height_m) * Eigen::Matrix2d::Identity();
+  return anchored ? shared_error_m2(parameters::localizer::kMapSigma_m, kFlightAgl_m) : Eigen::Matrix2d::Zero();
 }
 
 const char* picture_of(FlightFault fault) {
@@ -163,7 +160,7 @@ LookCandidate moved_with(LookCandidate rival, const LookCandidate& last, const L
   return rival;
 }
 
-// The filter is corrected as the localizer corrects its own (localizer.cpp, anchor_measurement()).
+// The filter is corrected as the localizer corrects its own (map_look.hpp, anchor_measurement()).
 void correct(FaultFlight::State& s, const LookCandidate& candidate, const CandidateSigmas& sigmas,
              const LookResult& look) {
   const Eigen::Matrix2d before_m2 = s.covariance_m2();
