@@ -45,7 +45,9 @@ double anchor_model_error_factor(bool tilt_missing) {
 }
 
 double wrong_consensus_sigma_px(double share, double ratio) {
-  return share < (ratio < kAlikeRatio ? kMostPatches : kMostPatchesAlike) ? kWrongConsensusSigma_px : 0;
+  const double alike = std::clamp((ratio - kUnlikeRatio) / (kAlikeRatio - kUnlikeRatio), 0.0, 1.0);
+  const double few = kFewPatches + alike * kAlikePatches;
+  return kWrongConsensusSigma_px * std::clamp((few + kFewPatchesRange - share) / kFewPatchesRange, 0.0, 1.0);
 }
 
 double wrong_consensus_variance_m2(const AnchorMatch& match) {

@@ -28,8 +28,9 @@ struct LookContext {
 // Factor on the solved pose's covariance for what the solver does not model.
 double anchor_model_error_factor(bool tilt_missing);
 
-// Where too few patches agree, those may be the wrong ones: σ of one axis in pixels of the fine map, or 0. More have to
-// agree where ground resembles itself. share: of patches that agree; ratio: second best score over the best.
+// Where few patches agree, those may be the wrong ones: σ of one axis in pixels of the fine map, less the more of them
+// agree, down to 0. More have to where ground resembles itself. share: of patches that agree; ratio: second best score
+// over the best.
 double wrong_consensus_sigma_px(double share, double ratio);
 double wrong_consensus_variance_m2(const AnchorMatch& match);
 

@@ -564,9 +564,9 @@ inline constexpr double kHintDoubt = 1e-2;          // a hint is wrong as a whol
 inline constexpr double kHintSigmas = 2;            // its radius in σ of one axis: 86 % are inside; chosen
 inline constexpr double kTrackHazard_per_s = 1e-8;  // the track becomes wrong as a whole without a sign; chosen
 inline constexpr double kIntegrityRisk = 1e-5;      // per look: beyond the protection level; a mission may set it
-// Of the protection level. One in 1000 of 8032 true places of the training looks lies beyond 5.8 σ, of a Gaussian 3.7
-// σ; a filtered position has less of it. Chosen between 1 and (5.8 / 3.7)².
-inline constexpr double kTailVarianceFactor = 1.5;
+// Of the protection level, for errors that stay with the ground and chance peaks beside the place. Of 10 008 true places
+// with the σ of below none lies beyond 3.3 σ, of a Gaussian 43. Chosen between 1.15 and 1.5; [looks].
+inline constexpr double kTailVarianceFactor = 1.2;
 inline constexpr double kMaxPlaceDoubt = 1e-3;  // of the weight may be elsewhere when the track moves; [looks]
 // A chance peak beside the truth, within the prediction: the filter weighs by it. Chosen: three to one.
 inline constexpr double kMaxAssociationDoubt = 0.25;
@@ -604,13 +604,16 @@ inline constexpr double kUnknownTiltModelErrorFactor = 9;  // all of that looks 
 inline constexpr double kWrongConsensusSigma_px = 10;
 // That such a set is the wrong one, and then 26 px off (σ): of the same variance as 10 px, so their square; chosen.
 inline constexpr double kWrongConsensusChance = 0.15;
-inline constexpr double kMostPatches =
-    0.5;  // a larger share of patches that agree is no wrong consensus; [safety 2220]
-// … but where another place scores nearly as well, ground resembles itself, and patches may agree a row beside the
-// place, nearer than another place may be: of 114 registered training looks of ratios from here on with shares of 0.5
-// to 0.7 eighteen were more than three σ off, by up to 28 m; of 59 with more two; [looks].
-inline constexpr double kAlikeRatio = 0.85;
-inline constexpr double kMostPatchesAlike = 0.8;
+// The larger a set is, the less it can be wrong: all of the σ up to this share of patches that agree [safety 2220], and
+// none of it from so much more on. Of 3987 training looks with larger shares four were more than three σ off; [looks].
+inline constexpr double kFewPatches = 0.5;
+inline constexpr double kFewPatchesRange = 0.15;
+// Where another place scores nearly as well, ground resembles itself, and patches may agree a row beside the place,
+// nearer than another place may be: of 173 training looks with ratios from 0.85 on and larger shares 20 were more than
+// three σ off, by up to 28 m. As much more have to agree there; from 0.7 on the second best place may be the true one,
+// and as much of it counts; [looks].
+inline constexpr double kAlikePatches = 0.15;
+inline constexpr double kUnlikeRatio = 0.7, kAlikeRatio = 0.85;
 // The second best place of a search: odds that it is the true one and not the best, e^(a - b (1 - ratio)). Logistic
 // regression of 531 training looks with ratios above 0.75 whose patches speak for the best; [looks].
 inline constexpr double kRivalLogOdds = -0.8;

@@ -62,7 +62,7 @@ TEST(MapLook, TheLessItLooksLikeTheFrameTheLessItIsWorth) {
 }
 
 // Rows of fields: patches agree a row beside the place, nearer than a rival may be.
-TEST(MapLook, WhereGroundResemblesItselfMorePatchesHaveToAgree) {
+TEST(MapLook, TheMorePatchesAgreeTheSurerAndMoreHaveToWhereGroundResemblesItself) {
   const auto added_m2 = [](double ratio, int inliers) {
     AnchorMatch match = match_of(0.6, 0.6 * ratio);
     match.solved->inliers = inliers;  // of 90
@@ -71,12 +71,20 @@ TEST(MapLook, WhereGroundResemblesItselfMorePatchesHaveToAgree) {
     EXPECT_NEAR(look.candidate->covariance_m2(0, 0) - others_m2, wrong_consensus_variance_m2(match), 1e-9);
     return wrong_consensus_variance_m2(match);
   };
-  EXPECT_DOUBLE_EQ(added_m2(0.5, 44), 25) << "10 px of 0.5 m";
-  EXPECT_EQ(added_m2(0.5, 45), 0);
-  EXPECT_EQ(added_m2(0.84, 46), 0);
-  EXPECT_DOUBLE_EQ(added_m2(0.86, 46), 25);
-  EXPECT_DOUBLE_EQ(added_m2(1, 71), 25);
-  EXPECT_EQ(added_m2(1, 72), 0);
+  EXPECT_DOUBLE_EQ(added_m2(0.5, 20), 25) << "10 px of 0.5 m";
+  EXPECT_DOUBLE_EQ(added_m2(0.5, 45), 25);
+  EXPECT_EQ(added_m2(0.5, 59), 0);
+  EXPECT_DOUBLE_EQ(added_m2(1, 58), 25);
+  EXPECT_EQ(added_m2(1, 73), 0);
+  for (int inliers = 40; inliers < 80; ++inliers) {
+    for (double ratio = 0.6; ratio < 0.97; ratio += 0.02) {
+      const double here_m = std::sqrt(added_m2(ratio, inliers));
+      EXPECT_LE(std::sqrt(added_m2(ratio, inliers + 1)), here_m);
+      EXPECT_GE(std::sqrt(added_m2(ratio + 0.02, inliers)), here_m);
+      EXPECT_NEAR(std::sqrt(added_m2(ratio, inliers + 1)), here_m, 0.4) << "no step: one patch of 90";
+      EXPECT_NEAR(std::sqrt(added_m2(ratio + 0.02, inliers)), here_m, 0.7);
+    }
+  }
 }
 
 // A prediction tells a wrong consensus by where it is, as far as it is sharper than that is wide.

@@ -122,7 +122,8 @@ TEST(MeasuredLooks, ALookIsReducedToWhatAFlightNeeds) {
   EXPECT_DOUBLE_EQ(alike.rival.searched_m, 12) << "6 px of 5 m";
   EXPECT_EQ(alike.sigmas.wrong_consensus_m, 0);
   look.features.inliers = 70;
-  EXPECT_DOUBLE_EQ(measured(look).found.sigmas.wrong_consensus_m, 16) << "70 of 96, where another place is as likely";
+  EXPECT_NEAR(measured(look).found.sigmas.wrong_consensus_m, 16 * (0.8 - 70 / 96.0) / 0.15, 1e-9)
+      << "70 of 96, where another place is as likely";
   look.rival_error_m = 900;
   EXPECT_EQ(measured(look).found.rival.error_m, 0) << "far from the place, in any direction";
   look.features.ratio = 0.3;
