@@ -18,7 +18,7 @@ namespace nadir::bench {
 namespace {
 
 constexpr std::uint64_t kJudgeSeed = 1'000'000;
-constexpr std::uint64_t kPublishedSeed = 20'000'000;  // of the stored results
+constexpr std::uint64_t kPublishedSeed = 21'000'000;  // of the stored results
 
 // ---- The method
 
@@ -234,7 +234,7 @@ TEST(MisleadingFlights, StayWithinTheirBounds) {
     const char* fault;
     double misleading, hazardous;
   };
-  static constexpr std::array kBounds = {Bound{"none", 1e-3, 1e-5}, Bound{"none_in_flight", 2e-3, 1e-5},
+  static constexpr std::array kBounds = {Bound{"none", 1e-3, 1e-4}, Bound{"none_in_flight", 2e-3, 1e-5},
                                          Bound{"odometry", 1e-3, 1e-4}, Bound{"start_500", 0.03, 5e-3},
                                          Bound{"other_map", 1e-4, 1e-4}};
   for (const Bound& bound : kBounds) {
@@ -388,7 +388,7 @@ TEST(SplittingResults, AFileOfAnotherSeedOrOfAnotherKindIsRejected) {
   EXPECT_THROW(read_splitting(path, kJudgeSeed), Error);
 }
 
-TEST(FaultTree, WhatPlainFlightsMetTenTimesIsCounted) {
+TEST(FaultTree, WhatPlainFlightsMetThreeTimesIsCounted) {
   const auto hazard = [](int met) {
     const CountedFlights counted = {{"map_200", {100'000, met, met, 1, 1, 1}}};
     const auto by_fault = probabilities(made_up_records(), counted);
@@ -398,7 +398,7 @@ TEST(FaultTree, WhatPlainFlightsMetTenTimesIsCounted) {
     return *std::ranges::find(tree.rows, "map_200", [](const TreeRow& r) { return std::string(r.event.fault); });
   };
   const auto [split, split_tree] = hazard(0);
-  const auto [few, few_tree] = hazard(9);
+  const auto [few, few_tree] = hazard(2);
   EXPECT_EQ(row(few_tree).hazardous_per_h, row(split_tree).hazardous_per_h);
   const auto [many, many_tree] = hazard(200);
   EXPECT_NE(row(many_tree).hazardous_per_h, row(split_tree).hazardous_per_h);
