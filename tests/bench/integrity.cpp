@@ -126,19 +126,11 @@ int table(const Options& options) {
     return 0;
   }
   std::string origin = fmt::format("likelihood {}", look_likelihood_table().numbers_sha256.substr(0, 16));
-  std::vector<MeasuredLooks> runs;  // that were tables already
-  std::vector<std::filesystem::path> looks;
   for (const std::filesystem::path& path : options.from) {
-    if (MeasuredLooks::is_stored(path)) {
-      runs.push_back(MeasuredLooks::read(path));
-      continue;
-    }
     const LooksFile file = read_looks(path);
     origin += fmt::format(" | {} looks, {}", file.looks.size(), file.run);
-    looks.push_back(path);
   }
-  if (!looks.empty()) runs.push_back(MeasuredLooks::reduced(origin, stored_looks(looks)));
-  const MeasuredLooks measured = MeasuredLooks::joined(runs);
+  const MeasuredLooks measured = MeasuredLooks::reduced(origin, stored_looks(options.from));
   write_file_atomic(options.measured, measured.text());
   std::cout << measured.summary() << options.measured.string() << "\n";
   return 0;
@@ -246,10 +238,10 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0.0, 1.0));
   app.add_option("--data", options.data, "folder of the real sets; default: $NADIR_DATA, else ../shared/data");
   app.add_option("--svg", options.plot, "draw the reliability diagram, or the tree, into this file");
-  app.add_option("--from", options.from,
-                 "stored results, not run again: looks: of looks; table: of looks and of tables of them, or of "
-                 "repeats, or of plain, "
-                 "to be added up; tree: of splitting, then of plain");
+  app.add_option(
+      "--from", options.from,
+      "stored results, not run again: looks, table: of looks (table: or of repeats, or of plain, to be added "
+      "up); tree: of splitting, then of plain");
   app.add_option("--measured", options.measured, "the table that splitting draws from")->capture_default_str();
   app.add_option("--repeated", options.repeated, "the repeats that it draws from")->capture_default_str();
   app.add_option("--repetitions", options.repetitions, "of splitting, for each fault")->check(CLI::Range(2, 10'000));

@@ -18,7 +18,6 @@ constexpr std::string_view kMeasuredFormat = "# nadir measured looks, ";
 constexpr std::string_view kColumns =
     "count,ground,window,picture,radius_m,outcome,nats,error_m,solved_m,consensus_m,height_m,"
     "rival_nats,rival_apart_m,rival_error_m,rival_searched_m";
-constexpr std::string_view kBetweenRuns = " | ";  // in the origin, after the likelihood ratio's digest
 constexpr double kNear_m = 150;  // farther from the true place a chance peak may lie anywhere in the window
 constexpr double kMeasuredTilt_rad = 0.1;
 constexpr double kWeak_nats = -1;  // of chance peaks below, up to kThinned are one row
@@ -234,34 +233,6 @@ MeasuredLooks MeasuredLooks::reduced(std::string origin, const Looks& looks) {
     tail.rate = tail.beyond.upper();
   }
   return table;
-}
-
-// The strongest chance peak of all is that of one run, so that the others have none beyond it, either.
-MeasuredLooks MeasuredLooks::joined(const std::vector<MeasuredLooks>& runs) {
-  std::string origin;
-  std::vector<MeasuredLook> rows;
-  Beyond beyond;
-  for (const MeasuredLooks& run : runs) {
-    const std::size_t likelihood = run.origin_.find(kBetweenRuns);
-    if (origin.empty()) origin = run.origin_.substr(0, likelihood);
-    if (likelihood == std::string::npos || run.origin_.compare(0, likelihood, origin, 0, likelihood) != 0) {
-      throw UsageError({.what = "measured looks of other likelihood ratios are not one table",
-                        .expected = origin,
-                        .found = run.origin_.substr(0, likelihood),
-                        .fix = "weigh all of them again, from their looks"});
-    }
-    origin += run.origin_.substr(likelihood);
-    rows.insert(rows.end(), run.looks_.begin(), run.looks_.end());
-    for (std::size_t i = 0; i < beyond.size(); ++i) {
-      beyond[i].count += (*run.tails_)[i].beyond.count;
-      beyond[i].of += (*run.tails_)[i].beyond.of;
-    }
-  }
-  return {origin, std::move(rows), beyond};
-}
-
-bool MeasuredLooks::is_stored(const std::filesystem::path& path) {
-  return read_text_file(path, std::uint64_t{1} << 28).starts_with(kMeasuredFormat);
 }
 
 MeasuredLooks MeasuredLooks::read(const std::filesystem::path& path) {

@@ -101,12 +101,9 @@ class MeasuredLooks {
   MeasuredLooks(std::string origin, std::vector<MeasuredLook> looks, const Beyond& beyond);
   // Of looks with telemetry as a flight has it (tilt_was_measured()).
   static MeasuredLooks reduced(std::string origin, const Looks& looks);
-  // Of several runs, as one. Throws UsageError where two have other likelihood ratios.
-  static MeasuredLooks joined(const std::vector<MeasuredLooks>& runs);
   MeasuredLooks(MeasuredLooks&&) = default;  // the pools point into it
   // The form that the project stores, of a few dozen bytes a look. Throws Error for lines that cannot be read.
   static MeasuredLooks read(const std::filesystem::path& path);
-  static bool is_stored(const std::filesystem::path& path);
   std::string text() const;
   std::string summary() const;  // a table for people: how many, and the tails
 

@@ -63,25 +63,6 @@ TEST(MeasuredLooks, ComeBackFromAFileAsTheyWere) {
   EXPECT_EQ(back.origin(), "24 looks of a run");
 }
 
-TEST(MeasuredLooks, TwoRunsAreOneTable) {
-  std::vector<MeasuredLook> stronger = rows();
-  stronger.front().found.log_likelihood_ratio = 9;
-  std::vector<MeasuredLooks> runs;
-  runs.emplace_back("likelihood 1 | 24 looks, base seed 1", rows(), kNeverBeyond);
-  runs.emplace_back("likelihood 1 | 24 looks, base seed 2", stronger,
-                    MeasuredLooks::Beyond{CountedShare{0, 1000}, CountedShare{0, 1000}, CountedShare{0, 1000}});
-  const MeasuredLooks both = MeasuredLooks::joined(runs);
-  EXPECT_EQ(both.origin(), "likelihood 1 | 24 looks, base seed 1 | 24 looks, base seed 2");
-  EXPECT_EQ(both.all().size(), 48U);
-  const LookTail& tail = both.tails()[static_cast<std::size_t>(WindowKind::holds_place)];
-  EXPECT_EQ(tail.beyond.of, kMany + 1000);
-  EXPECT_EQ(tail.strongest.log_likelihood_ratio, 9);
-  EXPECT_DOUBLE_EQ(tail.rate, (CountedShare{0, kMany + 1000}.upper()));
-
-  runs.emplace_back("likelihood 2 | 24 looks, base seed 3", rows(), kNeverBeyond);
-  EXPECT_THROW(MeasuredLooks::joined(runs), UsageError);
-}
-
 TEST(MeasuredLooks, WhatIsNoTableIsAnError) {
   const test::TemporaryFolder folder;
   const auto path = folder.path() / "looks.csv";
