@@ -6,27 +6,12 @@
 #include <limits>
 #include <numeric>
 
+#include "base/disjoint_sets.hpp"
+
 namespace nadir {
 namespace {
 
 namespace table = parameters::adjustment;
-
-// Frames that are connected, directly or through others.
-class Connections {
- public:
-  explicit Connections(std::size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0U); }
-  std::size_t root(std::size_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void join(std::size_t a, std::size_t b) {
-    const std::size_t of_a = root(a), of_b = root(b);
-    parent_[std::max(of_a, of_b)] = std::min(of_a, of_b);
-  }
-
- private:
-  std::vector<std::size_t> parent_;
-};
 
 }  // namespace
 
@@ -150,7 +135,7 @@ double BlockSelection::anchor_chi2(const BlockAnchor& anchor) const {
 void BlockSelection::connect() {
   const std::size_t count = data_.frames.size();
   std::fill(counts_.begin(), counts_.end(), 0);
-  Connections connections(count);
+  DisjointSets<std::size_t> connections(count);
   for (std::size_t j = 0; j < data_.points.size(); ++j) {
     if (!used_[j]) continue;
     std::optional<std::size_t> first;

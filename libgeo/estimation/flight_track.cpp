@@ -52,7 +52,7 @@ double FlightTrack::predict(const Telemetry& measured) {
   if (filter_) before_now_.emplace(TrackBefore{*filter_, withheld_m_, last_look_});
 
   const Telemetry plausible = plausible_telemetry(measured, telemetry_.last_time_s.value_or(0));
-  seconds_ = telemetry_.last_time_s ? plausible.time_s - *telemetry_.last_time_s : 0;
+  const double seconds = telemetry_.last_time_s ? plausible.time_s - *telemetry_.last_time_s : 0;
   telemetry_.height_steady = telemetry_.height_measured && plausible.agl_m;
   telemetry_.height_measured = plausible.agl_m.has_value();
   TelemetryReference& reference = telemetry_.reference;
@@ -68,13 +68,13 @@ double FlightTrack::predict(const Telemetry& measured) {
     initial_ = filter_;
   }
   FlightStep& step = steps_.emplace_back();
-  step.seconds = seconds_;
+  step.seconds = seconds;
   step.intervals = plausible.intervals;
   step.measured_heading_rad = plausible.heading_rad;
   step.tilt_measured = plausible.pitch_rad && plausible.roll_rad;
   step.imu_dv_mps = plausible.imu_dv_mps;
   if (!on_gimbal_ && steps_.size() > 1) {  // a gimbal turns without the sensor
-    step.inertial = preintegrate_parts(plausible.inertial, plausible.time_s - seconds_, plausible.time_s);
+    step.inertial = preintegrate_parts(plausible.inertial, plausible.time_s - seconds, plausible.time_s);
   }
   step.reference = reference;
   step.rate_rad_s = plausible.rate_rad_s.value_or(Eigen::Vector3d::Zero());
@@ -84,7 +84,7 @@ double FlightTrack::predict(const Telemetry& measured) {
         telemetry_.height_measured ? uncertainty_.agl_relative : parameters::tracking::kUnmeasuredHeightSigma;
     filter_->reset_height(*step.height_reset_sigma);
   }
-  return seconds_;
+  return seconds;
 }
 
 // ---- Rolling shutter
@@ -119,7 +119,7 @@ TrackedMotion FlightTrack::update_with_odometry(const cv::Mat& as_read, bool usa
   result.grey = usable ? at_one_moment(as_read) : as_read;
   // Two images hardly determine a motion when one may be tilted by 20 degrees.
   FrameLink link{.first = steps_.size() == 1, .comparable = usable && !filter_->tilt_missing()};
-  link.expected_overlap = tracking_.expects_overlap(*filter_, seconds_, footprint_m());
+  link.expected_overlap = tracking_.expects_overlap(*filter_, steps_.back().seconds, footprint_m());
   if (link.comparable) {
     const OdometryFrame seen = odometry_frame(result.grey);
     link.tracked = update_with_motion(seen, result);

@@ -135,7 +135,6 @@ class FlightTrack {
   std::vector<FlightStep> steps_;                 // a frame each
   std::optional<TrackBefore> before_now_, before_last_;  // before the current frame, and before the one before it
   TelemetryState telemetry_;
-  double seconds_ = 0;            // since the last frame
   ShutterMotion shutter_motion_;  // by which the last frame's shutter was undone
   TrackingState tracking_;
   CourseAmbiguity course_;

@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numeric>
 #include <utility>
 
 #include "adjustment/adjustment_parameters.hpp"
+#include "base/disjoint_sets.hpp"
 #include "base/error.hpp"
 #include "flights/picture_at_one_moment.hpp"
 #include "geodesy/hypotenuse.hpp"
@@ -18,31 +18,19 @@ namespace {
 using namespace parameters::flight_adjustment;
 namespace block_table = parameters::adjustment;
 
-// Frames that tie points or odometry join, whatever the adjustment makes of it.
-class JoinedFrames {
- public:
-  JoinedFrames(std::span<const SmoothedFrame> frames, const TiePoints& ties) : parent_(frames.size()) {
-    std::iota(parent_.begin(), parent_.end(), 0U);
-    for (const auto& point : ties.points) {
-      for (const auto& o : point) join(point.front().frame, o.frame);
-    }
-    for (std::size_t i = 1; i < frames.size(); ++i) {
-      if (frames[i].continues_flight) join(i - 1, i);
-    }
-  }
-  std::size_t root(std::size_t i) const {
-    while (parent_[i] != i) i = parent_[i];
-    return i;
-  }
+using JoinedFrames = DisjointSets<std::size_t>;
 
- private:
-  void join(std::size_t a, std::size_t b) {
-    const std::size_t of_a = root(a), of_b = root(b);
-    parent_[std::max(of_a, of_b)] = std::min(of_a, of_b);
-    parent_[a] = parent_[b] = std::min(of_a, of_b);
+// By tie points or odometry, whatever the adjustment makes of it.
+JoinedFrames joined_frames(std::span<const SmoothedFrame> frames, const TiePoints& ties) {
+  JoinedFrames joined(frames.size());
+  for (const auto& point : ties.points) {
+    for (const auto& o : point) joined.join(point.front().frame, o.frame);
   }
-  std::vector<std::size_t> parent_;
-};
+  for (std::size_t i = 1; i < frames.size(); ++i) {
+    if (frames[i].continues_flight) joined.join(i - 1, i);
+  }
+  return joined;
+}
 
 double one_axis_m(const Eigen::Matrix2d& covariance_m2) { return std::sqrt(0.5 * covariance_m2.trace()); }
 
@@ -336,7 +324,7 @@ AdjustedFlight adjust_flight(const FlightToAdjust& flight, Progress& progress, c
     block.add_fix(fix.frame, pixel, fix.place, std::max(fix.sigma_m, kLeastFixSigma_m));
     ++result.summary.fixes;
   }
-  const JoinedFrames joined(flight.smoothed, result.ties);
+  const JoinedFrames joined = joined_frames(flight.smoothed, result.ties);
   const Ties ties = add_ties_to_map(flight, joined, block);
   result.block = block.adjust(progress, cancel);
 

@@ -2,37 +2,21 @@
 
 #include <algorithm>
 #include <array>
-#include <numeric>
 
 #include "adjustment/adjustment_parameters.hpp"
+#include "base/disjoint_sets.hpp"
 
 namespace nadir {
 namespace {
 
 using namespace parameters::ties;
 
-class FeatureSets {
- public:
-  explicit FeatureSets(std::size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0U); }
-  std::uint32_t root(std::uint32_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void join(std::uint32_t a, std::uint32_t b) {
-    const std::uint32_t of_a = root(a), of_b = root(b);
-    parent_[std::max(of_a, of_b)] = std::min(of_a, of_b);
-  }
-
- private:
-  std::vector<std::uint32_t> parent_;
-};
-
 }  // namespace
 
 std::vector<TieTrack> tie_tracks(std::span<const std::size_t> features, std::span<const TiePair> pairs) {
   std::vector<std::uint32_t> first(features.size() + 1, 0);
   for (std::size_t i = 0; i < features.size(); ++i) first[i + 1] = first[i] + static_cast<std::uint32_t>(features[i]);
-  FeatureSets sets(first.back());
+  DisjointSets<std::uint32_t> sets(first.back());
   for (const TiePair& pair : pairs) {
     for (const FeatureMatch& match : pair.matches) {
       sets.join(first[pair.a] + static_cast<std::uint32_t>(match.first),

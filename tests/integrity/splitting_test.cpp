@@ -234,13 +234,13 @@ TEST(MisleadingFlights, StayWithinTheirBounds) {
     const char* fault;
     double misleading, hazardous;
   };
-  static constexpr std::array kBounds = {Bound{"none", 1e-3, 1e-4}, Bound{"none_in_flight", 2e-3, 1e-5},
+  static constexpr std::array kBounds = {Bound{"none", 3e-4, 1e-5}, Bound{"none_in_flight", 2e-3, 1e-5},
                                          Bound{"odometry", 1e-3, 1e-4}, Bound{"start_500", 0.03, 5e-3},
                                          Bound{"other_map", 1e-4, 1e-4}};
   for (const Bound& bound : kBounds) {
     SplittingRun run;
     run.seed = kJudgeSeed + 7;
-    run.particles = 40;
+    run.particles = 100;
     std::vector<SplitRecord::Estimate> misleading, hazardous;
     long looks_seen = 0, usable = 0;
     for (std::uint64_t i = 0; i < 3; ++i) {
