@@ -26,7 +26,7 @@
 // events than one in a third of them have not been observed, so no look may claim more (the 95 % bound of zero in n).
 //
 // The numbers are look_likelihood_table.hpp, written by `./run bench fit-likelihood`, never by hand. How it holds on
-// looks that the fit has not seen: docs/integrity.md.
+// looks that the fit has not seen: docs/look-likelihood.md.
 #pragma once
 
 #include <array>

@@ -4,7 +4,7 @@
 // to it.
 //
 // Origins, in brackets: [safety N] is segment N of the Monte Carlo in docs/safety.md, [looks] the looks with
-// known answers of docs/integrity.md,
+// known answers of docs/look-likelihood.md,
 // [turns], [consistency], [flights], [ablations] the benches of that name in docs/benchmarks.md, all of November 2026.
 // "Chosen": an engineer's estimate, set when the module was written; no measurement of this number is recorded.
 // "Numerical": guards degenerate cases and stops iterations.
@@ -549,7 +549,7 @@ inline constexpr double kDetectionHits = 2.15;
 inline constexpr double kDetectionLooks = 2.7;
 // Factors on the odds of P_D by the class of the ground, weak as poor; 1467 clear looks of [looks] 1 over ground that
 // the map shows. On 1668 unseen ones they gain 0.031 nats a look (± 0.012) over what a flight learns
-// (docs/integrity.md).
+// (docs/look-likelihood.md).
 inline constexpr double kGoodDetectionOdds = 1.6;
 inline constexpr double kPoorDetectionOdds = 0.27;
 inline constexpr int kDetectionSamples = 5;        // of a hypothesis, a side: their mean; numerical

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""The pictures of docs/put-photos-on-the-map.md, docs/plan-a-mission.md and docs/fly-a-mission.md, made in a real browser from the commands of these pages.
+"""The pictures of docs/put-photos-on-the-map.md, docs/plan-a-mission.md, docs/fly-a-mission.md and docs/integrity.md, made in a real browser from the commands of these pages.
 
-usage: pictures.py PROJECT_ROOT FOLDER_OF_PROGRAMS [OUT [PAGE]…]     OUT: docs/images by default; all pages by default
+usage: pictures.py PROJECT_ROOT FOLDER_OF_PROGRAMS [OUT [PAGE]…]     OUT: docs/images by default; all pages by default. README.md, when named, has the
+       pictures of the demo's own pages, and needs `./run demo` before
 
 Needs chromium, and gdal_translate for JPEG.
 """
@@ -106,6 +107,45 @@ def with_flight(page):
             raise SystemExit(f"the page's console: {complaints}")
 
 
+LEVELS = """
+nadir simulate world --seed 7 --size-km 2 --gsd-m 0.5 --out world --quiet
+nadir keys create --out root
+nadir keys create --out signer
+nadir keys root --root-key root.key.pem --package-signer signer.pub.pem --expires 2035-01-01 --out root.json
+nadir cache build --mission world/mission.yaml --imagery world/map.tif --dem world/dem.tif --key signer.key.pem --out package --quiet
+nadir simulate flight --world world/ground.tif --dem world/dem.tif --mission world/mission.yaml --camera world/camera.yaml --seed 11 --noise real --out flown --quiet
+ls flown/frames | sed -n 25,36p | while read -r frame; do  # the camera is dark
+  gdal_translate -q -of JPEG -scale 0 255 0 0 "flown/frames/$frame" dark.jpg
+  mv dark.jpg "flown/frames/$frame"
+done
+start=$(awk -F, 'NR == 2 { print $3 "," $2 }' flown/truth.csv)
+nadir replay --frames flown/frames --telemetry flown/telemetry.csv --camera world/camera.yaml --start="$start" --truth flown/truth.csv \
+  --package package --trust root.json --at "$(sed -n 's/^created: *//p' world/mission.yaml)" --out result
+"""
+
+
+def levels():
+    """The chart of a flight whose camera is dark for a while."""
+    with tempfile.TemporaryDirectory(prefix="nadir-pictures.") as name:
+        subprocess.run(["bash", "-euo", "pipefail", "-c", LEVELS], check=True, cwd=name, env={**os.environ, "PATH": f"{PROGRAMS.resolve()}:{os.environ['PATH']}"})
+        browser = Browser(1100, 330)
+        browser.open((pathlib.Path(name) / "result" / "report.html").as_uri())
+        browser.wait_for("document.querySelectorAll('#strip button').length > 0")
+        browser.evaluate("document.getElementById('chart-title').scrollIntoView()")
+        keep(browser, "integrity-levels")
+        browser.close()
+
+
+def demo():
+    """What `./run demo` left."""
+    for page, name, height in (("report/report.html", "report", 1180), ("live.html", "live", 1280)):
+        browser = Browser(1240, height)
+        browser.open((ROOT / "demo" / page).as_uri())
+        time.sleep(3)  # tiles fade in
+        keep(browser, name)
+        browser.close()
+
+
 def main():
     if not find_chromium():
         raise SystemExit("NOT RUN: no chromium")
@@ -114,6 +154,10 @@ def main():
             with_desk(ROOT / "docs" / page, take)
     if not ONLY or "fly-a-mission.md" in ONLY:
         with_flight(ROOT / "docs" / "fly-a-mission.md")
+    if not ONLY or "integrity.md" in ONLY:
+        levels()
+    if "README.md" in ONLY:
+        demo()
 
 
 PAGES = {"put-photos-on-the-map.md": photos, "plan-a-mission.md": mission}

@@ -28,7 +28,7 @@ HEAD = """# Parameters of the localizer
 Every number of matching and estimation that was tuned, chosen or measured. `tests/structure/check_parameters.py . --write`
 makes this table from [`localizer_parameters.hpp`](../libgeo/vision/localizer_parameters.hpp). A test compares the two, and
 rejects other fractional literals in `libgeo/vision` and `libgeo/estimation` that are not mathematics. A name ends with the unit;
-without one the number is a count or a ratio. [safety N] is segment N of the [Monte Carlo](safety.md), [looks] the looks with known answers of [Integrity](integrity.md#looks-with-known-answers);
+without one the number is a count or a ratio. [safety N] is segment N of the [Monte Carlo](safety.md), [looks] the [looks with known answers](look-likelihood.md#looks-with-known-answers);
 other names in brackets are parts of [`./run bench`](benchmarks.md).
 """
 
