@@ -3,7 +3,7 @@
 
 usage: check_docs.py links|units|commands|examples|tests|attacks PROJECT_ROOT FOLDER_OF_PROGRAMS
 
-links     every relative link leads to a file
+links     every relative link leads to a file, and to a heading of that page where it names one
 units     a systemd unit that is started again and again is not given up by systemd's limit of starts
 commands  every command has a page, and the page names every option that --help lists
 examples  code blocks that begin with ```sh test run with exit code 0, those of one page one after the other, two pages at a time
@@ -37,11 +37,27 @@ def pages(root):
     return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
 
 
+def anchors(page):
+    """As GitHub makes them: of a heading's text without its links' targets, lower case, words joined by hyphens; repeated ones are numbered."""
+    text = re.sub(r"^ *```.*?^ *```", "", page.read_text(), flags=re.M | re.S)
+    seen = {}
+    for heading in re.findall(r"^#+ +(.*?) *$", text, re.M):
+        plain = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower()
+        slug = re.sub(r"[^\w\- ]", "", plain).replace(" ", "-")
+        seen[slug] = seen.get(slug, -1) + 1
+        yield f"{slug}-{seen[slug]}" if seen[slug] else slug
+
+
 def check_links(root, _):
-    for page in pages(root):
-        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
-            if not target.startswith(("http://", "https://")) and not (page.parent / target).exists():
+    for page in [*pages(root), root / "CHANGELOG.md", root / "CONTRIBUTING.md"]:
+        for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)]*))?\)", page.read_text()):
+            if target.startswith(("http://", "https://")):
+                continue
+            linked = page.parent / target if target else page
+            if not linked.exists():
                 yield f"{page.relative_to(root)}: no such file: {target}"
+            elif anchor and linked.suffix == ".md" and anchor not in anchors(linked):
+                yield f"{page.relative_to(root)}: no such heading: {target}#{anchor}"
 
 
 def check_units(root, _):
