@@ -55,7 +55,8 @@ ServiceLock::~ServiceLock() { ::close(lock_); }
 void ServicePlace::declare(Options& options, Data need) {
   Option folder = options.value("--data", data, "DIR", "the service's folder");
   if (need == Data::required) folder.required();
-  options.value("--catalogue", catalogue, "CATALOGUE", "if it is not DATA/catalogue.sqlite");
+  options.value("--catalogue", catalogue, "CATALOGUE",
+                "a SpatiaLite file or \"PG:…\"; DIR/catalogue.sqlite without it");
 }
 
 CatalogueLocation ServicePlace::location() const {
