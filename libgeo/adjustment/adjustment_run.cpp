@@ -73,7 +73,7 @@ class AdjustmentRun {
   void report_calibration();
   AdjustedBlock report() const;
 
-  void add_term(ceres::CostFunction* cost, ceres::LossFunction* loss, std::vector<double*> blocks) {
+  void add_term(ceres::CostFunction* cost, ceres::LossFunction* loss, const std::vector<double*>& blocks) {
     frame_terms_.push_back(problem_->AddResidualBlock(cost, loss, blocks));
   }
 
@@ -354,7 +354,7 @@ void AdjustmentRun::add_held_covariances(MarginalCovariances& marginal) {
   }
   for (std::size_t p = 0; p < marginal.points.size(); ++p) {
     const std::size_t frame = data_.points[point_indices_[p]].observations.front().frame;
-    if (const auto held = largest[selection_.part(frame)]) marginal.points[p] += *held;
+    if (const auto& held = largest[selection_.part(frame)]) marginal.points[p] += *held;
   }
 }
 

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <ranges>
 #include <utility>
 
 #include "base/normal_distribution.hpp"
@@ -231,10 +232,12 @@ PlaceBelief::Detection PlaceBelief::detection(const Look& look, const PlaneBox& 
   };
   const PlaneBox seen = overlap(place, look.window);
   double sum = 0;
-  for (int i = 0; i < kDetectionSamples * kDetectionSamples; ++i) {
-    const double right = (i % kDetectionSamples + 0.5) / kDetectionSamples;
-    const double up = (i / kDetectionSamples + 0.5) / kDetectionSamples;
-    sum += at({seen.west_m + right * (seen.east_m - seen.west_m), seen.south_m + up * (seen.north_m - seen.south_m)});
+  for (int row = 0; row < kDetectionSamples; ++row) {
+    const double up = (row + 0.5) / kDetectionSamples;
+    for (int column = 0; column < kDetectionSamples; ++column) {
+      const double right = (column + 0.5) / kDetectionSamples;
+      sum += at({seen.west_m + right * (seen.east_m - seen.west_m), seen.south_m + up * (seen.north_m - seen.south_m)});
+    }
   }
   const double of_place = sum / (kDetectionSamples * kDetectionSamples);
   return {look.candidate ? at(look.candidate->position) : of_place, of_place};
@@ -500,12 +503,12 @@ std::vector<PlaceBelief::PlaceState> PlaceBelief::place_states(const Eigen::Matr
 Eigen::Matrix2d PlaceBelief::spread_m2(const Eigen::Matrix2d& track_covariance_m2) const {
   double total = track_.total(), left_out = 0;
   Eigen::Matrix2d spread = track_.total() * track_covariance_m2;
-  for (auto place = places_.rbegin(); place != places_.rend(); ++place) {  // the least first
-    left_out += place->weight.total();
+  for (const Place& place : places_ | std::views::reverse) {  // the least first
+    left_out += place.weight.total();
     if (left_out <= kVagueWeight) continue;
-    total += place->weight.total();
+    total += place.weight.total();
     spread +=
-        place->weight.total() * (grown_m2(*place, track_covariance_m2) + place->offset_m * place->offset_m.transpose());
+        place.weight.total() * (grown_m2(place, track_covariance_m2) + place.offset_m * place.offset_m.transpose());
   }
   return total > 0 ? Eigen::Matrix2d(spread / total) : track_covariance_m2;
 }

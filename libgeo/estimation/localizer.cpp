@@ -62,13 +62,13 @@ StateEstimate state_estimate(const FlightFilter& filter, const TelemetryReferenc
 
 struct Localizer::Impl {
   Impl(const CameraFile& camera_file, const LocalFrame& local_frame, const TileSource* map_tiles,
-       std::optional<LonLat> known_start, const LocalizerConfig& localizer_config)
+       std::optional<LonLat> known_start, LocalizerConfig localizer_config)
       : camera(camera_file.camera),
         on_gimbal(camera_file.on_gimbal),
         frame(local_frame),
         tiles(map_tiles),
         start(known_start),
-        config(localizer_config),
+        config(std::move(localizer_config)),
         surface(config.surface != nullptr ? config.surface : &flat),
         matcher(tiles != nullptr ? config.matcher({camera, *tiles, frame, *surface}) : nullptr),
         frame_checker(config.frame_checker()),
@@ -261,6 +261,7 @@ std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
     where = lost_search();
     context.window = where->area;
   }
+  // NOLINTNEXTLINE(clang-analyzer-cplusplus.NewDeleteLeaks): the analyzer loses sight of what a std::function owns
   auto match_frame = [this, grey, where, begin = context.prior, settles = settles(context)](const Cancel& cancel) {
     AnchorPrior prior = begin;
     prior.settles = settles;
