@@ -140,7 +140,7 @@ def demo():
     """What `./run demo` left."""
     for page, name, height in (("report/report.html", "report", 1180), ("live.html", "live", 1280)):
         browser = Browser(1240, height)
-        browser.open((ROOT / "demo" / page).as_uri())
+        browser.open((ROOT / "demo" / page).resolve().as_uri())
         time.sleep(3)  # tiles fade in
         keep(browser, name)
         browser.close()
