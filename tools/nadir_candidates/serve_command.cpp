@@ -82,8 +82,7 @@ void ServeCommand::setup(Options& options) {
   options.values("--token-file", token_files_, "[AIRFRAME=]FILE",
                  "bearer token of a client, without expiry; the file name is the client's name");
   options.value("--listen", listen_, "IP:PORT", "address to listen on");
-  options.value("--catalogue", catalogue_, "CATALOGUE",
-                "a SpatiaLite file or \"PG:…\"; DIR/catalogue.sqlite without it");
+  ServicePlace::declare_catalogue(options, catalogue_);
   options.values("--package", service_.packages, "PACKAGE",
                  "base packages of the flights, verified against --trust; tiles of other packages are rejected");
   options.value("--votes", service_.rules.flights_to_promote, "N", "flights that must agree").between(2, 10);

@@ -55,6 +55,10 @@ ServiceLock::~ServiceLock() { ::close(lock_); }
 void ServicePlace::declare(Options& options, Data need) {
   Option folder = options.value("--data", data, "DIR", "the service's folder");
   if (need == Data::required) folder.required();
+  declare_catalogue(options, catalogue);
+}
+
+void ServicePlace::declare_catalogue(Options& options, std::string& catalogue) {
   options.value("--catalogue", catalogue, "CATALOGUE",
                 "a SpatiaLite file or \"PG:…\"; DIR/catalogue.sqlite without it");
 }

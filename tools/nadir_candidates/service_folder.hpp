@@ -40,6 +40,7 @@ struct ServicePlace {
 
   enum class Data { required, optional };
   void declare(Options& options, Data need);
+  static void declare_catalogue(Options& options, std::string& catalogue);
   // Throws UsageError when neither is given.
   CatalogueLocation location() const;
 };
