@@ -20,6 +20,7 @@ sys.path.insert(0, str(ROOT / "tests" / "api"))
 from browser import Browser, find_chromium  # noqa: E402
 
 ONLY = sys.argv[4:]
+ENVIRONMENT = {**os.environ, "PATH": f"{PROGRAMS.resolve()}:{os.environ['PATH']}"}
 WIDTH, HEIGHT, QUALITY = 1280, 860, 72
 
 
@@ -47,7 +48,7 @@ def with_desk(page, take):
         # The desk of the page stays open until this program has closed the pipe.
         script = "".join(blocks) + 'echo "desk $url $id"\nread -r _ || true\n'
         running = subprocess.Popen(["bash", "-euo", "pipefail", "-c", script], cwd=folder, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                   env={**os.environ, "PATH": f"{PROGRAMS.resolve()}:{os.environ['PATH']}"})
+                                   env=ENVIRONMENT)
         found = next((line.split()[1:] for line in running.stdout if line.startswith("desk http")), None)
         if found is None:
             raise SystemExit(f"the commands of {page} end with {running.wait()}")
@@ -87,7 +88,7 @@ def with_flight(page):
     """The page's own flight, a minute long, while its camera is dark."""
     prepare = re.search(r"^```sh test\n(.*?)^```", page.read_text(), re.M | re.S).group(1)
     with tempfile.TemporaryDirectory(prefix="nadir-pictures.") as name:
-        found = {"cwd": name, "text": True, "env": {**os.environ, "PATH": f"{PROGRAMS.resolve()}:{os.environ['PATH']}"}}
+        found = {"cwd": name, "text": True, "env": ENVIRONMENT}
         subprocess.run(["bash", "-euo", "pipefail", "-c", prepare], check=True, **found)
         flight = subprocess.Popen(["nadir", "simulate", "loop", "--world", "world", "--circumstance", "blackout", "--minutes", "1", "--port", "0"],
                                   stderr=subprocess.PIPE, **found)
@@ -127,7 +128,7 @@ nadir replay --frames flown/frames --telemetry flown/telemetry.csv --camera worl
 def levels():
     """The chart of a flight whose camera is dark for a while."""
     with tempfile.TemporaryDirectory(prefix="nadir-pictures.") as name:
-        subprocess.run(["bash", "-euo", "pipefail", "-c", LEVELS], check=True, cwd=name, env={**os.environ, "PATH": f"{PROGRAMS.resolve()}:{os.environ['PATH']}"})
+        subprocess.run(["bash", "-euo", "pipefail", "-c", LEVELS], check=True, cwd=name, env=ENVIRONMENT)
         browser = Browser(1100, 330)
         browser.open((pathlib.Path(name) / "result" / "report.html").as_uri())
         browser.wait_for("document.querySelectorAll('#strip button').length > 0")
