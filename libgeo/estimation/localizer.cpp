@@ -261,7 +261,7 @@ std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
     where = lost_search();
     context.window = where->area;
   }
-  // NOLINTNEXTLINE(clang-analyzer-cplusplus.NewDeleteLeaks): the analyzer loses sight of what a std::function owns
+  // NOLINTNEXTLINE(clang-analyzer-cplusplus.NewDeleteLeaks): the analyzer cannot follow what a std::function owns
   auto match_frame = [this, grey, where, begin = context.prior, settles = settles(context)](const Cancel& cancel) {
     AnchorPrior prior = begin;
     prior.settles = settles;
